@@ -213,8 +213,8 @@ def normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, flo
 def mixed_normals(mix: Array, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
     """Return four standard normal numbers, sums of the `normals` of several seeds.
 
-    Each row of `mix` (n, 3) holds a seed, the factor [-] on the sum of the rows before it, and the factor [-] on the
-    normals of its seed; the squares of the factors add up to 1. The first row is (seed, 0, 1).
+    Each row of `mix` (n, 3) holds a seed and two factors [-]: on the sum of the rows before it, and on the normals of
+    its seed. The squares of the factors add up to 1. The first row is (seed, 0, 1).
     """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for j in range(mix.shape[0]):

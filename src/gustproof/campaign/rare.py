@@ -1,9 +1,9 @@
 """Probability of a rare event in one flight, by subset simulation: a ladder of likelier events leads to it.
 
-All that is random in a flight is a function of independent standard normal numbers: gusts and noise, which counters of
-a seed give, and the place of each dispersion. Of the flights above a level, copies are made and turned a little in
-the space of those numbers; a copy stays if its flight remains above the level. So flights above the level multiply
-without a change of their distribution. The probability is the product of the shares that pass from level to level.
+All that is random in a flight is a function of independent standard normal numbers: gusts, noise, the places of the
+dispersions. Flights above a level are copied. A copy is turned a little in the space of those numbers, and the turn is
+undone if its flight falls below the level. So flights above the level multiply without a change of their distribution.
+The probability is the product of the shares that pass from level to level.
 
 One ensemble chooses levels and angles. Then independent ensembles climb this fixed ladder: the estimate of each is free
 of bias, and their spread gives the interval.
@@ -197,13 +197,7 @@ def estimate_rare(
     FlightError
         If a worker dies.
     """
-    if len(campaign.laws) != 1:
-        raise ConfigError(f"--rare: judges one law, not {len(campaign.laws)}")
-    if not campaign.flies_in_lanes:
-        raise ConfigError("--rare: needs laws and a script without link, mode or controller events")
-    if campaign.sampling not in (Sampling.UNIFORM, Sampling.NORMAL):
-        drawn = campaign.sampling.value
-        raise ConfigError(f"--rare: draws each flight for itself: --sampling uniform or normal, not {drawn}")
+    _check_campaign(campaign)
     shown, metadata = progress or (lambda _: None), json.dumps(campaign.metadata())
     try:
         rungs, reached, flights = pool.submit(build_ladder, metadata, event).result()
@@ -223,6 +217,17 @@ def estimate_rare(
         levels=tuple(rung.level for rung in rungs),
         hits=tuple(sorted((hit for climb in climbs for hit in climb.hits), key=lambda hit: -hit.value)[:_HITS]),
     )
+
+
+def _check_campaign(campaign: Campaign) -> None:
+    """Raise `ConfigError` if rare events of a campaign can't be estimated."""
+    if len(campaign.laws) != 1:
+        raise ConfigError(f"--rare: judges one law, not {len(campaign.laws)}")
+    if not campaign.flies_in_lanes:
+        raise ConfigError("--rare: needs laws and a script without link, mode or controller events")
+    if campaign.sampling not in (Sampling.UNIFORM, Sampling.NORMAL):
+        drawn = campaign.sampling.value
+        raise ConfigError(f"--rare: draws each flight for itself: --sampling uniform or normal, not {drawn}")
 
 
 def _climb_all(

@@ -122,7 +122,7 @@ class LawComparison:
     difference: IntervalEstimate
     """[unit of the figure] mean over the cases of the figure of `law` less that of `other`."""
     effect: float
-    """[-] that mean over the standard deviation of the differences (J. Cohen's d_z, 1988); NaN if all are equal."""
+    """[-] J. Cohen's d_z, 1988: the difference over the standard deviation of the differences; NaN if all are equal."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

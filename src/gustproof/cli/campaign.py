@@ -1,6 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -25,9 +26,13 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from gustproof.campaign.plan import Campaign
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.campaign.plan import Campaign, Contestant, DispersionKind
     from gustproof.campaign.rare import Threshold
+    from gustproof.campaign.statistics import CampaignStatistics
     from gustproof.entries.entry import Entry
+    from gustproof.simulate.guest import ForeignAutopilot
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -111,8 +116,8 @@ def campaign(
 
     With more --runs, or another --law, the same command extends the table: what is flown is not flown again.
 
-    A controller of your own may fly beside the laws: an object of Python one run at a time, in some 100 times real
-    time; C as fast as a law:
+    A controller of your own may fly beside the laws. An object of Python flies one run at a time, in some 100 times
+    real time; C is as fast as a law:
 
         gustproof campaign paper --law flagship --controller my_mpc.py:make --controller ./law.so -o all.parquet
 
@@ -127,57 +132,43 @@ def campaign(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.campaign.growth import grow_campaign
-    from gustproof.campaign.plan import Campaign, Contestant, DispersionKind, select_spreads, usual_dispersions
+    from gustproof.campaign.plan import Campaign, select_spreads
     from gustproof.campaign.rare import parse_threshold
-    from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.sampling import Sampling
     from gustproof.campaign.statistics import compute_statistics
-    from gustproof.law.form import Law
     from gustproof.report.campaign import render_campaign
-    from gustproof.report.summary_files import save_csv, save_latex
     from gustproof.report.terminal import show
-    from gustproof.simulate.flight import check
-    from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
     event = None if rare is None else parse_threshold(rare)
     _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    if spread is None:
-        wanted = usual_dispersions(vehicles)
-    else:
-        wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
-    laws = [find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()]
-    contestants: list[Contestant] = [*laws, *(_find_entry(source) for source in controller or ())]
+    contestants = _find_contestants(law or (), controller or (), vehicles, script)
     if autopilot is not None:
-        contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
-        check_guest(script)
-    table = output if output is not None and output.exists() and event is None else None
-    if not contestants and table is None:
-        contestants = [default_law(vehicles, script, quiet=as_json)]
+        contestants = (*contestants, _find_autopilot(autopilot, build, params, script))
+    table = None if output is None or event is not None or not output.exists() else output
+    if not contestants:
+        contestants = _default_contestants(table, vehicles, script, quiet=as_json)
     plan = Campaign(
         scenario=script,
-        laws=tuple(contestants) if table is None or contestants else read_campaign(table).laws,
+        laws=contestants,
         vehicles=vehicles,
-        spreads=select_spreads(vehicles, script, wanted, gust=gust_spread, attitude_deg=attitude_spread),
+        spreads=select_spreads(
+            vehicles, script, _parse_dispersions(spread, vehicles), gust=gust_spread, attitude_deg=attitude_spread
+        ),
         cases=runs,
         sampling=_parse_choice(Sampling, "--sampling", sampling),
         seed=seed,
     )
-    for flown in () if anyway else plan.laws:
-        if isinstance(flown, Law):
-            check(plan.scenario, flown, plan.vehicles.nominal)
+    if not anyway:
+        _check_laws(plan)
     if event is not None:
         named = (law[0] if law else plan.laws[0].name, vehicle)
         _estimate_rare(plan, event, output, workers, executor, named, as_json=as_json)
         return
     assert output is not None  # see _check_outputs
-    _fly(plan if table is None else grow_campaign(table, plan), output, workers, executor, quiet=as_json)
+    _fly(plan, output, workers, executor, quiet=as_json)
     found = compute_statistics(output)
-    if csv is not None:
-        save_csv(found, csv)
-    if latex is not None:
-        save_latex(found, latex)
+    _save_figures(found, csv, latex)
     if as_json:
         print_json(found.to_dict())
     else:
@@ -192,6 +183,57 @@ def _find_entry(source: str) -> "Entry":
     if entry.kind is EntryKind.PROGRAM:
         raise ConfigError(f"controller '{source}': a program flies one flight at a time, by gustproof fly")
     return entry
+
+
+def _find_contestants(
+    laws: Sequence[str], controllers: Sequence[str], vehicles: "VehicleSet", script: "Scenario"
+) -> "tuple[Contestant, ...]":
+    found = (find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws)
+    return (*found, *(_find_entry(source) for source in controllers))
+
+
+def _find_autopilot(kind: str, build: str, params: str, script: "Scenario") -> "ForeignAutopilot":
+    from gustproof.simulate.guest import ForeignAutopilot, check_guest
+
+    check_guest(script)
+    return ForeignAutopilot(kind=kind, build=build, parameters=params)
+
+
+def _default_contestants(
+    table: Path | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool
+) -> "tuple[Contestant, ...]":
+    """Return the laws of a table that grows, else the default law."""
+    from gustproof.campaign.reader import read_campaign
+
+    return (default_law(vehicles, script, quiet=quiet),) if table is None else read_campaign(table).laws
+
+
+def _parse_dispersions(words: str | None, vehicles: "VehicleSet") -> "list[DispersionKind]":
+    """Return the kinds of dispersions that are asked for, by default those of the vehicle's file."""
+    from gustproof.campaign.plan import DispersionKind, usual_dispersions
+
+    if words is None:
+        return usual_dispersions(vehicles)
+    return [_parse_choice(DispersionKind, "--spread", word.strip()) for word in words.split(",")]
+
+
+def _check_laws(plan: "Campaign") -> None:
+    """Refuse a law that can't fly the nominal vehicle."""
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import check
+
+    for law in plan.laws:
+        if isinstance(law, Law):
+            check(plan.scenario, law, plan.vehicles.nominal)
+
+
+def _save_figures(found: "CampaignStatistics", csv: Path | None, latex: Path | None) -> None:
+    from gustproof.report.summary_files import save_csv, save_latex
+
+    if csv is not None:
+        save_csv(found, csv)
+    if latex is not None:
+        save_latex(found, latex)
 
 
 def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *, is_rare: bool) -> None:
@@ -217,12 +259,13 @@ def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *,
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
     """Fly the missing runs, with progress on standard error."""
     from gustproof.campaign.executors import count_cores, dask_pool, process_pool
+    from gustproof.campaign.growth import grow_campaign
     from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.runner import fly_campaign
 
     known = output if output.exists() else None
     if known is not None:
-        flown = read_campaign(known).runs
+        flown, plan = read_campaign(known).runs, grow_campaign(known, plan)
         if flown == plan.runs:
             _print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
             return

@@ -83,9 +83,7 @@ def worst_case(
 
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.falsify.worst_case import worst_case as search
-    from gustproof.law.form import Law
     from gustproof.model.uncertainty import Spreads
-    from gustproof.simulate.flight import warnings
 
     moment = parse_positive_vector("--moment", budget)
     check_output(output, ".toml", "a scenario file")
@@ -108,18 +106,14 @@ def worst_case(
             smallest = _shrink(found, flown, airframe, moment, limit, shown) if shrink or limit is not None else None
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    known = warnings(found.scenario, flown, airframe) if isinstance(flown, Law) else []
-    files = [] if output is None else save_flight(found.scenario, found.vehicle, airframe, output)
-    small_files = []
-    if output is not None and smallest is not None:
-        beside = output.with_name(f"{output.stem}-smallest.toml")
-        small_files = save_flight(smallest.scenario, smallest.vehicle, airframe, beside)
+    known = _find_warnings(found, flown, airframe)
+    written = _save(found, smallest, airframe, output)
     if as_json:
         document = {
             "law": flown.name,
             "moment_nm": moment,
             "warnings": known,
-            "files": [*files, *small_files],
+            "files": [path for files in written for path in files],
             **to_jsonable_python(found),
             "smallest": to_jsonable_python(smallest),
         }
@@ -128,14 +122,36 @@ def worst_case(
     for line in known:
         print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
-    if smallest is not None:
-        _print_smallest(smallest)
-    elif limit is not None:
-        print(f"not shrunk: the worst flight found does not reach {limit:g} deg")
+    _print_shrunk(smallest, limit)
     option = f"--law {law}" if controller is None else f"--controller {shlex.quote(controller)}"
-    for written in filter(None, (files, small_files)):
-        other = f" --vehicle {written[1] if written[1:] else vehicle}" if written[1:] or vehicle != "paper" else ""
-        print(f"fly it: gustproof fly {written[0]} {option}{other} --seed {found.seed}")
+    _print_how_to_fly(written, option, vehicle, found.seed)
+
+
+def _print_how_to_fly(written: list[list[Path]], option: str, vehicle: str, seed: int) -> None:
+    for script, *own in written:
+        airframe = str(own[0]) if own else vehicle
+        other = "" if airframe == "paper" else f" --vehicle {airframe}"
+        print(f"fly it: gustproof fly {script} {option}{other} --seed {seed}")
+
+
+def _find_warnings(found: "WorstCase", flown: "Pilot", airframe: "Vehicle") -> list[str]:
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import warnings
+
+    return list(warnings(found.scenario, flown, airframe)) if isinstance(flown, Law) else []
+
+
+def _save(
+    found: "WorstCase", smallest: "SmallestCase | None", airframe: "Vehicle", output: Path | None
+) -> list[list[Path]]:
+    """Write the worst flight, and the smallest beside it; return the files of each."""
+    if output is None:
+        return []
+    written = [save_flight(found.scenario, found.vehicle, airframe, output)]
+    if smallest is not None:
+        beside = output.with_name(f"{output.stem}-smallest.toml")
+        written.append(save_flight(smallest.scenario, smallest.vehicle, airframe, beside))
+    return written
 
 
 def _find_pilot(law: str | None, controller: str | None, airframe: "Vehicle") -> "Pilot":
@@ -168,7 +184,11 @@ def _shrink(
     )
 
 
-def _print_smallest(smallest: "SmallestCase") -> None:
+def _print_shrunk(smallest: "SmallestCase | None", limit: float | None) -> None:
+    if smallest is None:
+        if limit is not None:
+            print(f"not shrunk: the worst flight found does not reach {limit:g} deg")
+        return
     L, M, N = (f"{100.0 * share:.0f} %" for share in smallest.strength)
     peak = "diverges" if math.isinf(smallest.peak_deg) else f"{smallest.peak_deg:.2f} deg"
     terms = f"{smallest.terms} of {smallest.terms_before} moments"

@@ -14,12 +14,13 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.waveforms import Dryden, Moment
+from firmware_model.config.waveforms import Dryden
 from firmware_model.types import Vector
 from gustproof.entries.entry import Pilot
 from gustproof.falsify.worst_case import WorstCase, peaks_deg
 from gustproof.scoring.metrics import attitude
 from gustproof.simulate.pilots import fly_pilot
+from gustproof.types import Array
 
 _HALVINGS = 7  # of a strength: to 1 % of it
 _DIGITS = (1, 2, 3)
@@ -62,9 +63,9 @@ def shrink_case(
 ) -> SmallestCase:
     """Return the smallest flight found, by at most `flights`, that still reaches `target_deg` [deg].
 
-    In this order: the nominal `vehicle` in place of a varied one; fewer moments; less strength about each axis, then
-    about all; fewer digits; an end soon after the target is reached. The result is small by these steps, not proved the
-    smallest. Moments stay within `budget` [N*m] B.
+    It tries the nominal `vehicle` in place of a varied one, then fewer moments. Less strength about each axis and about
+    all follows, then fewer digits, and an end soon after the target is reached. The result is small by these steps, not
+    proved the smallest. Moments stay within `budget` [N*m] B.
 
     Raises
     ------
@@ -156,7 +157,7 @@ class _Shrinking:
                     at += size
             size //= 2
 
-    def _weaken(self, axes: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    def _weaken(self, axes: Array) -> None:
         """Reduce the strength about the axes marked by 1 in `axes` (3,), by bisection; turbulence if all are."""
         whole, low, high = self._scenario, 0.0, 1.0
         if not self._moment @ axes > 0.0:
@@ -176,13 +177,15 @@ class _Shrinking:
                 return
 
 
-def _scale(term: Moment, factors: Sequence[float] | np.ndarray[Any, Any]) -> Moment:
-    amplitudes = (term.amplitude_nm * np.asarray(factors) + 0.0).tolist()  # 0.0, not -0.0
+def _scale(term: Any, factors: Array) -> Any:
+    amplitudes = (np.array(term.amplitude_nm) * factors + 0.0).tolist()  # 0.0, not -0.0
     return replace(term, amplitude_nm=tuple(amplitudes))
 
 
 def _weaken_wind(item: Any, factor: float) -> Any:
-    return replace(item, wind_speed_20ft_mps=factor * item.wind_speed_20ft_mps) if isinstance(item, Dryden) else item
+    if not isinstance(item, Dryden) or item.wind_speed_20ft_mps is None:
+        return item
+    return replace(item, wind_speed_20ft_mps=factor * item.wind_speed_20ft_mps)
 
 
 def _round_term(term: Any, digits: int) -> Any:

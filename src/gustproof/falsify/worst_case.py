@@ -112,8 +112,8 @@ def worst_case(
     ConfigError
         If an entry can't be made.
     ValueError
-        If a budget is not positive, there are fewer than 100 flights, or the law already diverges, or an entry breaks
-        off, in turbulence or under a moment held about one axis.
+        If a budget is not positive, or there are fewer than 100 flights. Also if, before the search, the law diverges
+        or an entry breaks off in turbulence or under a moment held about one axis.
 
     Examples
     --------

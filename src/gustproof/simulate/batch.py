@@ -136,8 +136,7 @@ def _find_step(library: Library) -> tuple[int, bool]:
 def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
-    mixes = [case.make_mix(scenario, width) for case in filled]
+    mixes = _make_mixes(scenario, filled)
     initial = (case.make_initial(scenario, mix) for case, mix in zip(filled, mixes, strict=True))
     params, states, changes = zip(*initial, strict=True)
     mix = np.stack(mixes, axis=2)
@@ -148,7 +147,7 @@ def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases
         scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
-        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, width),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)
@@ -160,6 +159,12 @@ def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases
         )
         for w in range(len(cases))
     ]
+
+
+def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> list[Array]:
+    """Return the seeds and factors (n, 3) of each case, as many rows for each as the most turned one needs."""
+    width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
+    return [case.make_mix(scenario, width) for case in cases]
 
 
 def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:
