@@ -1,6 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
+from collections.abc import Iterable
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -84,8 +85,7 @@ def campaign(
 
         gustproof fly --run mc.parquet:471
 
-    A controller of your own may fly beside the laws: an object of Python one run at a time, in some 100 times real
-    time; C as fast as a law:
+    A controller of your own may fly beside the laws: an object of Python one run at a time, C as fast as a law.
 
         gustproof campaign paper --law flagship --controller my_mpc.py:make --controller ./law.so -o all.parquet
 
@@ -109,7 +109,7 @@ def campaign(
     else:
         wanted = [_parse_choice(DispersionKind, "--spread", word.strip()) for word in spread.split(",")]
     laws = [find_law(name, vehicles.nominal, script.control_rate_hz) for name in law or ()]
-    contestants: list[Contestant] = [*laws, *(_find_entry(source) for source in controller or ())]
+    contestants: list[Contestant] = [*laws, *_find_entries(controller or ())]
     if autopilot is not None:
         contestants.append(ForeignAutopilot(kind=autopilot, build=build, parameters=params))
         check_guest(script)
@@ -136,14 +136,15 @@ def campaign(
         show(render_campaign(found))
 
 
-def _find_entry(source: str) -> "Entry":
-    """Return a controller that can fly in the processes of a campaign."""
+def _find_entries(sources: Iterable[str]) -> "list[Entry]":
+    """Return controllers that can fly in the processes of a campaign."""
     from gustproof.entries.entry import EntryKind, parse_entry
 
-    entry = parse_entry(source)
-    if entry.kind is EntryKind.PROGRAM:
-        raise ConfigError(f"controller '{source}': a program flies one flight at a time, by gustproof fly")
-    return entry
+    entries = list(map(parse_entry, sources))
+    for entry in entries:
+        if entry.kind is EntryKind.PROGRAM:
+            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
+    return entries
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
