@@ -175,21 +175,22 @@ def campaign(
         show(render_campaign(found))
 
 
-def _find_entry(source: str) -> "Entry":
-    """Return a controller that can fly in the processes of a campaign."""
+def _find_entries(sources: Sequence[str]) -> "list[Entry]":
+    """Return controllers that can fly in the processes of a campaign."""
     from gustproof.entries.entry import EntryKind, parse_entry
 
-    entry = parse_entry(source)
-    if entry.kind is EntryKind.PROGRAM:
-        raise ConfigError(f"controller '{source}': a program flies one flight at a time, by gustproof fly")
-    return entry
+    entries = list(map(parse_entry, sources))
+    for entry in entries:
+        if entry.kind is EntryKind.PROGRAM:
+            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
+    return entries
 
 
 def _find_contestants(
     laws: Sequence[str], controllers: Sequence[str], vehicles: "VehicleSet", script: "Scenario"
 ) -> "tuple[Contestant, ...]":
     found = (find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws)
-    return (*found, *(_find_entry(source) for source in controllers))
+    return (*found, *_find_entries(controllers))
 
 
 def _find_autopilot(kind: str, build: str, params: str, script: "Scenario") -> "ForeignAutopilot":

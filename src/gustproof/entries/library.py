@@ -3,6 +3,7 @@
 import ctypes
 import math
 import re
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -24,7 +25,14 @@ from gustproof.types import Array
 
 _FACTS = re.compile(rb"([A-Za-z]\w*)_facts\0")
 _HEAD = ctypes.c_int * 5
-_MOST_STATES = 4096
+_ALLOWED: dict[str, Container[int]] = {
+    "states": range(1, 4097),
+    "measured": (GYRO_REFERENCE_SIZE, MEASURED_SIZE),
+    "bytes": (4, 8),
+    "rates": (0, 1),
+    "lanes": range(4097),
+}
+"""Numbers at the begin of the facts, in their order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,32 +115,37 @@ def _read(loaded: ctypes.CDLL, prefix: str, where: str) -> Library:
         except AttributeError:
             raise ConfigError(f"{where}: has no {prefix}_{name}") from None
 
-    states, measured, size, rates, lanes = _HEAD.in_dll(loaded, f"{prefix}_facts")
-    is_known = 0 < states <= _MOST_STATES and measured in (GYRO_REFERENCE_SIZE, MEASURED_SIZE)
-    if not is_known or size not in (4, 8) or rates not in (0, 1) or lanes < 0:
-        told = f"states {states}, measured {measured}, bytes {size}, rates {rates}, lanes {lanes}"
+    states, measured, size, rates, lanes = head = list(_HEAD.in_dll(loaded, f"{prefix}_facts"))
+    if not all(number in allowed for number, allowed in zip(head, _ALLOWED.values(), strict=True)):
+        told = ", ".join(f"{name} {number}" for name, number in zip(_ALLOWED, head, strict=True))
         raise ConfigError(f"{where}: {prefix}_facts can't be: {told}")
-    real = ctypes.c_float if size == 4 else ctypes.c_double
-
-    class Facts(ctypes.Structure):
-        _fields_ = (("head", _HEAD), ("dt", real), ("limits", real * 3), ("name", ctypes.c_char_p))
-
-    facts = Facts.in_dll(loaded, f"{prefix}_facts")
-    dt = float(str(np.float32(facts.dt))) if size == 4 else float(facts.dt)  # the decimal that was meant
+    dt, name = _read_rest(loaded, prefix, single=size == 4)
     if not (math.isfinite(dt) and dt > 0.0):
         raise ConfigError(f"{where}: {prefix}_facts can't be: dt {dt}")
     return Library(
-        name=printable((facts.name or b"").decode("utf-8", "replace")) or prefix,
+        name=printable(name) or prefix,
         order=states,
         uses_accelerometer=measured == MEASURED_SIZE,
         is_single=size == 4,
-        output=Output.RATES if rates else Output.TORQUE,
+        output=(Output.TORQUE, Output.RATES)[rates],
         lanes=lanes,
         dt=dt,
         initialize=address("init"),
         step=address("step"),
         step_lanes=address("step_lanes") if lanes else 0,
     )
+
+
+def _read_rest(loaded: ctypes.CDLL, prefix: str, *, single: bool) -> tuple[float, str]:
+    """Return sample time [s] and name among the facts."""
+    real = ctypes.c_float if single else ctypes.c_double
+
+    class Facts(ctypes.Structure):
+        _fields_ = (("head", _HEAD), ("dt", real), ("limits", real * 3), ("name", ctypes.c_char_p))
+
+    facts = Facts.in_dll(loaded, f"{prefix}_facts")
+    dt = float(str(np.float32(facts.dt))) if single else float(facts.dt)  # the decimal that was meant
+    return dt, (facts.name or b"").decode("utf-8", "replace")
 
 
 def call_step(address: int, x: NDArray[Any], y: NDArray[Any], command: NDArray[Any]) -> None:

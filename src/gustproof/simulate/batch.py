@@ -20,7 +20,7 @@ from gustproof.entries.entry import Entry
 from gustproof.entries.library import Library, load_library
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import no_law, sparse_law
+from gustproof.law.step import SparseLaw, no_law, sparse_law
 from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
 from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
 from gustproof.simulate.direct import check_compatible
@@ -101,7 +101,7 @@ def fly_many(scenario: Scenario, law: Law | Entry, cases: Sequence[Case]) -> lis
 
 def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
-    law = load_library(pilot) if isinstance(pilot, Entry) else pilot
+    law, terms, step, steps_lanes = _find_step(pilot)
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
         # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
@@ -114,23 +114,24 @@ def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Se
         return [results[i] for i in range(len(cases))]
 
     check_compatible(scenario, law)
-    if isinstance(law, Library) and law.is_single:
-        raise ValueError(f"law '{law.name}' is in single precision, must be called from Python")
-    step, in_one = (0, False) if isinstance(law, Law) else _find_step(law)
     torque = law.output is Output.TORQUE
     shared = BatchSetup(
         sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
-        reference=references(scenario), rules=rules(scenario), step=step,
-        law=sparse_law(law) if isinstance(law, Law) else no_law(), steps_lanes=in_one,
+        reference=references(scenario), rules=rules(scenario), law=terms, step=step, steps_lanes=steps_lanes,
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return fly
 
 
-def _find_step(library: Library) -> tuple[int, bool]:
-    """Return the address of the step to call, and true if it steps all flights of a batch."""
+def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int, bool]:
+    """Return a law and its terms, or the library of an entry; address of its step, true if that is of all lanes."""
+    if isinstance(pilot, Law):
+        return pilot, sparse_law(pilot), 0, False
+    library = load_library(pilot)
+    if library.is_single:
+        raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
     wide = library.lanes == LANES
-    return library.step_lanes if wide else library.step, wide
+    return library, no_law(), library.step_lanes if wide else library.step, wide
 
 
 def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:

@@ -57,7 +57,6 @@ def fly(
     seed: int = 1,
     out: Path,
     real_time: bool = False,
-    nominal: Vehicle | None = None,
     default_ports: bool = True,
     progress: Callable[[float], None] | None = None,
     tlog: bool = False,
@@ -65,8 +64,7 @@ def fly(
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return the flight.
 
-    The maker of an entry gets the vehicle `nominal`, by default the flown one. The journal's header holds the plan's
-    metadata. With `tlog` the MAVLink traffic is left beside it.
+    The journal's header holds the plan's metadata. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port. In real time the vehicle uses its usual ones, so that ground stations can
     watch, unless `default_ports` is false. When the vehicle listens, `on_listening` is called with the ground stations'
@@ -90,10 +88,22 @@ def fly(
     >>> (flight.outcome.name, len(flight.records))
     ('DONE', 25)
     """
-    if isinstance(pilot, Law) and pilot.dt != scenario.dt:
-        text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
-        raise ConfigError(text)
-    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time, nominal)
+    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time)
+    return fly_plan(plan, out, default_ports=default_ports, progress=progress, tlog=tlog, on_listening=on_listening)
+
+
+def fly_plan(
+    plan: FlightPlan,
+    out: Path,
+    *,
+    default_ports: bool = True,
+    progress: Callable[[float], None] | None = None,
+    tlog: bool = False,
+    on_listening: Callable[[int, Path], None] | None = None,
+) -> Flight:
+    """Fly a plan as `fly` does."""
+    scenario, pilot, vehicle, seed, real_time, _ = plan
+    _check_rate(scenario, pilot)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
     if there := [file for file in (journal, log) if file.exists()]:
@@ -118,6 +128,13 @@ def fly(
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
     )  # fmt: skip
+
+
+def _check_rate(scenario: Scenario, pilot: Pilot) -> None:
+    """Check that a law steps at the scenario's rate; an entry's own process checks its."""
+    if isinstance(pilot, Law) and pilot.dt != scenario.dt:
+        text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+        raise ConfigError(text)
 
 
 def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:

@@ -15,7 +15,7 @@ from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
 from gustproof.simulate.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata
 from gustproof.simulate.guest import GuestPlan, fly_guest
 from gustproof.simulate.outcome import describe, infer_outcome
-from gustproof.simulate.processes import WORKING_PREFIX, fly
+from gustproof.simulate.processes import WORKING_PREFIX, fly_plan
 
 
 def fly_and_record(
@@ -38,9 +38,7 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    scenario, pilot, vehicle, seed, real_time, nominal = plan
-    flown: dict[str, Any] = {"vehicle": vehicle, "nominal": nominal, "seed": seed, "real_time": real_time}
-    flight = fly(scenario, pilot, **flown, out=out, tlog=tlog, progress=progress, on_listening=on_listening)
+    flight = fly_plan(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
     return _replace_journal(flight, plan.metadata())
 
 

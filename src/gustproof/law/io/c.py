@@ -381,6 +381,8 @@ class _Writer(NamedTuple):
     def body(self) -> str:
         """Return the body of the step."""
         lines = self._step()
+        whole = "\n".join([*lines, "y[" * (self.attitude is Attitude.AUTOPILOT), "x[" * (self.law.order > 0)])
+        lines = [f"(void){array};" for array in ("x", "y") if f"{array}[" not in whole] + lines
         if self.law.order:
             lines.append(f"for (int i = 0; i < {self.rows}; i++)\n    x[i] = next[i];")
         if self.attitude is Attitude.AUTOPILOT:
@@ -419,9 +421,7 @@ class _Writer(NamedTuple):
         if n:
             A = law.A if self.single is None else self.single.A
             parts += self._next(np.hstack([A, law.B, law.G, law.H, V]), names)
-        read = [*parts, "x[" * (n > 0), "y[" * (self.attitude is Attitude.AUTOPILOT)]
-        unread = [f"(void){array};" for array in ("x", "y") if not any(f"{array}[" in part for part in read)]
-        return unread + parts
+        return parts
 
     def filled(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
         """Return a part of a library, empty if it is none; `lanes` are in double precision alone."""
