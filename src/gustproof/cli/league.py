@@ -61,7 +61,7 @@ def league(
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.campaign.executors import count_cores, process_pool
     from gustproof.league.course import COURSE, FLEET, load_course
-    from gustproof.league.entrants import ALL, ROSTER, parse_entrant
+    from gustproof.league.entrants import ALL, parse_entrants
     from gustproof.league.season import LeaguePlan, fly_league
     from gustproof.recording.folder import write_atomic
     from gustproof.report.html.league_page import write_league_page
@@ -72,9 +72,7 @@ def league(
         check_output(path, suffix, kind)
     folder = output.with_suffix(".work")
     plan = LeaguePlan(
-        entrants=tuple(
-            parse_entrant(name) for each in entry or (ALL,) for name in (ROSTER if each == ALL else (each,))
-        ),
+        entrants=parse_entrants(entry or [ALL]),
         vehicles=tuple(map(load_vehicle_set, vehicle or FLEET)),
         scenarios=tuple(load_course(scenario or COURSE)),
         runs=runs,
@@ -91,9 +89,10 @@ def league(
         line = f"interrupted; finished results are in {folder}, and the same command resumes from there"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
     write_league_page(found, output, reveal=reveal)
-    for table, text in ((csv, write_csv), (latex, write_latex)):
-        if table is not None:
-            write_atomic(table, text(found))
+    if csv is not None:
+        write_atomic(csv, write_csv(found))
+    if latex is not None:
+        write_atomic(latex, write_latex(found))
     if as_json:
         print_json(found.to_dict(reveal=reveal))
         return

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +99,11 @@ def parse_entrant(source: str) -> Entrant:
     maker = source.rpartition(":")[2].removeprefix("make").strip("_")
     named = f"{entry.name}-{maker}" if entry.kind is EntryKind.PYTHON and maker else entry.name
     return Entrant(name=named.replace("_", "-"), source=source)
+
+
+def parse_entrants(sources: Iterable[str]) -> tuple[Entrant, ...]:
+    """Return the entrants of some texts, of which `ALL` stands for the roster; see `parse_entrant`."""
+    return tuple(parse_entrant(name) for each in sources for name in (ROSTER if each == ALL else (each,)))
 
 
 def is_law_file(source: str) -> bool:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -173,20 +173,19 @@ class League:
             "entrants": [self._entrant_to_dict(i) for i in self.order],
             "pairs": [
                 {"entry": names[i], "other": names[j], **_interval_to_dict(found.pairs[i][j])}
-                for i in self.order
-                for j in self.order
-                if i < j
+                for i, j in combinations(self.order, 2)
             ],
-            "cells": [
-                {
-                    "scenario": cell.scenario.name,
-                    "vehicle": cell.vehicle,
-                    "best": names[found.cell_best[k]],
-                    "reference_deg": [None if math.isnan(each) else each for each in self.reference_deg[k].tolist()],
-                    "ratios": {name: float(found.cells[i, k]) for i, name in enumerate(names)},
-                }
-                for k, cell in enumerate(self.cells)
-            ],
+            "cells": [self._cell_to_dict(k, names) for k in range(len(self.cells))],
+        }
+
+    def _cell_to_dict(self, k: int, names: Sequence[str]) -> dict[str, Any]:
+        cell, found = self.cells[k], self.standings
+        return {
+            "scenario": cell.scenario.name,
+            "vehicle": cell.vehicle,
+            "best": names[found.cell_best[k]],
+            "reference_deg": [_finite(each) for each in self.reference_deg[k].tolist()],
+            "ratios": {name: float(found.cells[i, k]) for i, name in enumerate(names)},
         }
 
     def _entrant_to_dict(self, i: int) -> dict[str, Any]:
@@ -211,7 +210,11 @@ class League:
 
 
 def _interval_to_dict(estimate: IntervalEstimate) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in estimate._asdict().items()}
+    return {name: _finite(value) for name, value in estimate._asdict().items()}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def fly_league(plan: LeaguePlan, folder: Path, pool: Pool, *, progress: Progress = lambda *_: None) -> League:
@@ -247,17 +250,17 @@ class _Season:
         boxes = [[*self._fly_box(team, cells)] for team in teams[:-1]]
         tasks: list[Task] = [*chain(*flights), *chain(*prices), *(point.flights for point in chain(*boxes))]
         self._dispatcher.do(tasks)
-        errors = np.array([[self._errors(flown) for flown in row] for row in flights])
+        errors = self._collect_errors(flights)
         return League(
             plan=plan,
             cells=cells,
             skipped=skipped,
             charges=tuple(tuple(map(self._charge, row)) for row in prices),
-            digests=tuple(tuple(pilot_digest(each) for each in team.values()) for team in teams[:-1]),
+            digests=tuple(tuple(map(pilot_digest, team.values())) for team in teams[:-1]),
             errors_deg=errors[:-1],
             reference_deg=errors[-1],
-            failures=tuple(tuple(self._ledger[flown.key] for flown in row) for row in flights[:-1]),
-            boxes=tuple(max(self._score_box(point, errors[-1]) for point in row) for row in boxes),
+            failures=tuple(self._results(row) for row in flights[:-1]),
+            boxes=tuple(self._score_box(row, errors[-1]) for row in boxes),
         )
 
     def _lay_out(self) -> tuple[tuple[Cell, ...], tuple[Cell, ...]]:
@@ -323,10 +326,16 @@ class _Season:
             for point in box_points(cell.scenario, vehicles):
                 yield _BoxFlights(point.name, number, self._fly(team, cell, point.scenario, point.vehicle))
 
-    def _score_box(self, point: _BoxFlights, reference: Array) -> BoxScore:
-        scores = log_ratios(np.array(self._errors(point.flights)), reference[point.cell])
-        return BoxScore(float(np.exp(scores.mean())), point.flights.nominal.name, point.name)
+    def _score_box(self, points: Sequence[_BoxFlights], reference: Array) -> BoxScore:
+        """Return the worst of the points of a box; `reference` (m, runs) has the reference's errors [deg]."""
+        errors = self._collect_errors([[point.flights for point in points]])[0]
+        scores = log_ratios(errors, reference[[point.cell for point in points]]).mean(axis=1)
+        worst = int(np.argmax(scores))
+        return BoxScore(math.exp(scores[worst]), points[worst].flights.nominal.name, points[worst].name)
 
-    def _errors(self, task: Fly) -> list[float]:
-        """Return the error of each flight [deg], NaN for failed ones."""
-        return [math.nan if each is None else each for each in self._ledger[task.key]["errors_deg"]]
+    def _collect_errors(self, rows: Sequence[Sequence[Fly]]) -> Array:
+        """Return the error of each flight (rows, columns, runs) [deg], NaN for failed ones."""
+        return np.array([[result["errors_deg"] for result in self._results(row)] for row in rows], dtype=np.float64)
+
+    def _results(self, row: Sequence[Fly]) -> tuple[Result, ...]:
+        return tuple(self._ledger[flown.key] for flown in row)
