@@ -6,6 +6,7 @@ from gustproof.cli.analyse import analyse
 from gustproof.cli.audit import audit
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
+from gustproof.cli.check_controller import check_controller
 from gustproof.cli.compare import compare
 from gustproof.cli.design import design
 from gustproof.cli.export import export
@@ -43,6 +44,7 @@ app.command()(tune)
 app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)
+app.command()(check_controller)
 app.command()(recover)
 app.command()(campaign)
 app.command()(compare)

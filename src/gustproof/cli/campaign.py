@@ -1,7 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -28,11 +28,10 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.campaign.plan import Campaign, DispersionKind
+    from gustproof.campaign.plan import Campaign, Contestant, DispersionKind
     from gustproof.campaign.rare import Threshold
     from gustproof.campaign.statistics import CampaignStatistics
-    from gustproof.law.form import Law
-    from gustproof.simulate.guest import ForeignAutopilot
+    from gustproof.entries.entry import Entry
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -52,6 +51,13 @@ def campaign(
         list[str] | None,
         typer.Option(
             help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+        ),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Fly a controller of your own beside the laws: FILE.py:MAKER or LIBRARY.so. Repeat it for more.",
+            show_default=False,
         ),
     ] = None,
     autopilot: AutopilotName = None,
@@ -109,6 +115,10 @@ def campaign(
 
     With more --runs, or another --law, the same command extends the table: what is flown is not flown again.
 
+    A controller of your own may fly beside the laws: an object of Python one run at a time, C as fast as a law.
+
+        gustproof campaign paper --law flagship --controller my_mpc.py:make --controller ./law.so -o all.parquet
+
     A real autopilot may fly beside the laws, some seconds a run:
 
         gustproof campaign paper-turbulence --autopilot px4 --params tuned --runs 20 -o px4.parquet
@@ -130,7 +140,7 @@ def campaign(
     event = None if rare is None else parse_threshold(rare)
     _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    contestants = _find_contestants(law or (), autopilot, build, params, vehicles, script)
+    contestants = _find_contestants(law or (), controller or (), autopilot, build, params, vehicles, script)
     table = None if output is None or event is not None or not output.exists() else output
     if not contestants:
         contestants = _default_contestants(table, vehicles, script, quiet=as_json)
@@ -162,11 +172,20 @@ def campaign(
 
 
 def _find_contestants(
-    laws: Sequence[str], autopilot: str | None, build: str, params: str, vehicles: "VehicleSet", script: "Scenario"
-) -> "tuple[Law | ForeignAutopilot, ...]":
+    laws: Sequence[str],
+    controllers: Sequence[str],
+    autopilot: str | None,
+    build: str,
+    params: str,
+    vehicles: "VehicleSet",
+    script: "Scenario",
+) -> "tuple[Contestant, ...]":
     from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
-    found = tuple(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws)
+    found: tuple[Contestant, ...] = (
+        *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),
+        *_find_entries(controllers),
+    )
     if autopilot is None:
         return found
     check_guest(script)
@@ -175,7 +194,7 @@ def _find_contestants(
 
 def _default_contestants(
     table: Path | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool
-) -> "tuple[Law | ForeignAutopilot, ...]":
+) -> "tuple[Contestant, ...]":
     """Return the laws of a table that grows, else the default law."""
     from gustproof.campaign.reader import read_campaign
 
@@ -228,6 +247,17 @@ def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *,
     check_output(output, ".parquet", "a campaign's table")
     check_output(latex, ".tex", "a LaTeX table")
     check_output(csv, ".csv", "a table of figures")
+
+
+def _find_entries(sources: Iterable[str]) -> "list[Entry]":
+    """Return controllers that can fly in the processes of a campaign."""
+    from gustproof.entries.entry import EntryKind, parse_entry
+
+    entries = list(map(parse_entry, sources))
+    for entry in entries:
+        if entry.kind is EntryKind.PROGRAM:
+            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
+    return entries
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:

@@ -2,6 +2,9 @@
 
 import hashlib
 import re
+import shlex
+import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.util import find_spec
@@ -72,17 +75,67 @@ def parse_entry(source: str) -> Entry:
     'mine'
     """
     if source.startswith(PROGRAM_PREFIX):
-        words = source.removeprefix(PROGRAM_PREFIX).split()
-        if not words:
-            raise ConfigError(f"controller '{source}': names no command")
-        return Entry(kind=EntryKind.PROGRAM, source=source, name=Path(words[-1]).stem, digest="")
+        return Entry(kind=EntryKind.PROGRAM, source=source, name=_program_name(split_command(source)), digest="")
     if source.endswith(_LIBRARIES):
         return Entry(kind=EntryKind.LIBRARY, source=source, name=Path(source).stem, digest=_digest(source, source))
     place, _, maker = source.rpartition(":")
     if not maker.isidentifier():
         raise ConfigError(f"controller '{source}': is none of {_SOURCES}")
     file = place if place.endswith(".py") else _find_module(source, place)
-    return Entry(kind=EntryKind.PYTHON, source=source, name=Path(file).stem, digest=_digest(source, file))
+    name = Path(file).stem if maker == "make" else f"{Path(file).stem}-{maker}"
+    return Entry(kind=EntryKind.PYTHON, source=source, name=name, digest=_digest(source, file))
+
+
+def split_command(source: str) -> list[str]:
+    """Return the words of a program's command, as a shell would split them; no shell is used.
+
+    Raises
+    ------
+    ConfigError
+        If a quote is left open, or there is no word.
+    """
+    try:
+        words = shlex.split(source.removeprefix(PROGRAM_PREFIX))
+    except ValueError as error:
+        raise ConfigError(f"controller '{source}': {error}") from None
+    if not words:
+        raise ConfigError(f"controller '{source}': names no command")
+    return words
+
+
+def find_program(source: str) -> list[str]:
+    """Return the words of a program's command.
+
+    Raises
+    ------
+    ConfigError
+        If the command is wrong, or its program is not there.
+    """
+    words = split_command(source)
+    if shutil.which(words[0]) is None:
+        raise ConfigError(f"controller '{source}': there is no program '{words[0]}'")
+    return words
+
+
+def _program_name(words: Sequence[str]) -> str:
+    """Return a name for a program: of the first script among its words, or of itself."""
+    scripts = (Path(word) for word in words[1:] if re.fullmatch(r"[^-].*\.[A-Za-z]\w*", word))
+    return next(scripts, Path(words[0])).stem
+
+
+def parse_entry_metadata(document: Any, where: object) -> Entry:
+    """Return the entry that `Entry.to_dict` has written, whatever has become of its file.
+
+    Raises
+    ------
+    ConfigError
+        If the document describes no entry; the text begins with `where`.
+    """
+    try:
+        source, name, digest = (str(document[key]) for key in ("source", "name", "digest"))
+        return Entry(kind=EntryKind(document["kind"]), source=source, name=name, digest=digest)
+    except (KeyError, TypeError, ValueError):
+        raise ConfigError(f"{where}: does not say which controller flew") from None
 
 
 def find_entry(document: Any, where: object) -> Entry:
@@ -93,13 +146,11 @@ def find_entry(document: Any, where: object) -> Entry:
     ConfigError
         If the document describes no entry, or the file has gone or changed; the text begins with `where`.
     """
-    try:
-        source, digest = str(document["source"]), str(document["digest"])
-    except (KeyError, TypeError):
-        raise ConfigError(f"{where}: does not say which controller flew") from None
-    entry = parse_entry(source)
-    if entry.digest != digest:
-        raise ConfigError(f"{where}: controller '{source}' has changed since: its SHA-256 is not {digest[:16]}…")
+    told = parse_entry_metadata(document, where)
+    entry = parse_entry(told.source)
+    if entry.digest != told.digest:
+        changed = f"has changed since: its SHA-256 is not {told.digest[:16]}…"
+        raise ConfigError(f"{where}: controller '{told.source}' {changed}")
     return entry
 
 

@@ -22,7 +22,9 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.entries.entry import Entry, EntryKind
+from gustproof.entries.library import LibraryStepper, load_library
 from gustproof.entries.time_limit import TimeLimitExceeded, time_limit
+from gustproof.law.form import Output
 from gustproof.types import Array
 
 STEP_LIMIT_S = 5.0
@@ -67,8 +69,16 @@ class StepError(Exception):
 class CheckedStepper:
     """A user's controller, whose failures become a `StepError` each."""
 
-    def __init__(self, name: str, stepper: Stepper) -> None:
-        self._name, self._stepper = name, stepper
+    def __init__(self, name: str, stepper: Stepper, output: Output = Output.TORQUE, dt: float | None = None) -> None:
+        self._stepper = stepper
+        self.output = output
+        """Quantity that it commands."""
+        self.dt = dt
+        """[s] sample time; `None` for that of the flight."""
+        self.name = name
+        """Name in texts."""
+        self.order, self.is_scheduled = 0, False
+        """No states that others could keep, and no attitude estimate that they could correct."""
         self._calls, self._busy = 0, False
 
     def reset(self) -> None:
@@ -80,10 +90,12 @@ class CheckedStepper:
         torque = self._call("step()", lambda: np.asarray(self._stepper.step(gyro, reference, force, dt)))
         if torque.shape != (3,) or torque.dtype.kind not in "fiu":
             found = f"shape {torque.shape} of {torque.dtype}"
-            raise StepError(StepFault.RAISED, f"{self._name}: step() returned {found}, must be three numbers")
+            raise StepError(
+                StepFault.RAISED, f"controller '{self.name}': step() returned {found}, must be three numbers"
+            )
         x, y, z = torque.tolist()
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-            raise StepError(StepFault.NOT_FINITE, f"{self._name}: step() returned {x:g}, {y:g}, {z:g} N m")
+            raise StepError(StepFault.NOT_FINITE, f"controller '{self.name}': step() returned {x:g}, {y:g}, {z:g} N m")
         return float(x), float(y), float(z)
 
     def _call(self, what: str, call: Callable[[], Any]) -> Any:
@@ -91,7 +103,9 @@ class CheckedStepper:
         try:
             result = call()
         except (Exception, SystemExit) as error:
-            raise StepError(StepFault.RAISED, f"{self._name}: {what} raised {describe_error(error)}") from error
+            raise StepError(
+                StepFault.RAISED, f"controller '{self.name}': {what} raised {describe_error(error)}"
+            ) from error
         self._busy = False
         return result
 
@@ -102,19 +116,16 @@ class CheckedStepper:
             with time_limit(STEP_LIMIT_S, lambda: self._calls if self._busy else time.monotonic_ns()):
                 yield
         except TimeLimitExceeded:
-            raise StepError(StepFault.HUNG, f"{self._name}: a step takes longer than {STEP_LIMIT_S:g} s") from None
+            raise StepError(
+                StepFault.HUNG, f"controller '{self.name}': a step takes longer than {STEP_LIMIT_S:g} s"
+            ) from None
 
 
-def wire_fractions(torque: Vector, scale: Vector) -> Vector:
-    """Return torques as float32 fractions of `scale`, within -1..1, as on every route."""
-    x, y, z = (float(np.float32(min(max(each / one, -1.0), 1.0))) for each, one in zip(torque, scale, strict=True))
-    return x, y, z
-
-
-def make_stepper(entry: Entry, vehicle: Vehicle) -> CheckedStepper:
+def make_stepper(entry: Entry, vehicle: Vehicle, dt: float | None = None) -> CheckedStepper:
     """Make the controller of an entry, for a vehicle as its user knows it.
 
-    The maker gets the vehicle if it takes an argument. Each call makes a new controller; the module is loaded once.
+    The maker gets the vehicle if it takes an argument. An object of Python has the sample time `dt` [s], a library its
+    own. Each call makes a new controller; the module is loaded once.
 
     Raises
     ------
@@ -145,8 +156,11 @@ def make_stepper(entry: Entry, vehicle: Vehicle) -> CheckedStepper:
     >>> damper.step(np.array([1.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.004)[0]
     -0.1
     """
-    if entry.kind is not EntryKind.PYTHON:
-        raise ConfigError(f"controller '{entry.source}': is no object of Python")
+    if entry.kind is EntryKind.PROGRAM:
+        raise ConfigError(f"controller '{entry.source}': is a program, which flies by MAVLink alone")
+    if entry.kind is EntryKind.LIBRARY:
+        library = load_library(entry)
+        return CheckedStepper(entry.name, LibraryStepper(library), library.output, library.dt)
     place, _, name = entry.source.rpartition(":")
     module = _load(entry.source, place, entry.digest)
     maker = getattr(module, name, None)
@@ -157,7 +171,7 @@ def make_stepper(entry: Entry, vehicle: Vehicle) -> CheckedStepper:
         if not callable(getattr(stepper, method, None)):
             kind = type(stepper).__name__
             raise ConfigError(f"controller '{entry.source}': {name}() returned a {kind} without {method}()")
-    return CheckedStepper(f"controller '{entry.name}'", stepper)
+    return CheckedStepper(entry.name, stepper, dt=dt)
 
 
 def describe_error(error: BaseException) -> str:

@@ -16,9 +16,11 @@ from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
+from gustproof.entries.entry import Entry
+from gustproof.entries.library import Library, load_library
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import sparse_law
+from gustproof.law.step import SparseLaw, no_law, sparse_law
 from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
 from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
 from gustproof.simulate.direct import check_compatible
@@ -77,8 +79,10 @@ class CaseResult:
     """Result of each requirement of the scenario."""
 
 
-def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
+def fly_many(scenario: Scenario, law: Law | Entry, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
+
+    An entry must be a C library in double precision; others fly one by one, see `fly_pilot`.
 
     Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
     `fly_direct` raises.
@@ -95,8 +99,9 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
     return make_batch_simulator(scenario, law)(cases)
 
 
-def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
+def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
+    law, terms, step, steps_lanes = _find_step(pilot)
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
         # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
@@ -112,13 +117,24 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
     torque = law.output is Output.TORQUE
     shared = BatchSetup(
         sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
-        reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
+        reference=references(scenario), rules=rules(scenario), law=terms, step=step, steps_lanes=steps_lanes,
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return fly
 
 
-def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
+def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int, bool]:
+    """Return a law and its terms, or the library of an entry; address of its step, true if that is of all lanes."""
+    if isinstance(pilot, Law):
+        return pilot, sparse_law(pilot), 0, False
+    library = load_library(pilot)
+    if library.is_single:
+        raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
+    wide = library.lanes == LANES
+    return library, no_law(), library.step_lanes if wide else library.step, wide
+
+
+def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     mixes = _make_mixes(scenario, filled)

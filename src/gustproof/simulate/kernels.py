@@ -20,10 +20,12 @@ from firmware_model.recording.journal import WIDTH
 from firmware_model.sim import inner_loop, layout, step
 from firmware_model.sim.inner_loop import SETPOINT_WIDTH, track_setpoint
 from firmware_model.sim.state import Array
+from gustproof.entries.library import Library, call_step
 from gustproof.law.form import Law
 from gustproof.law.step import (
     EXTRA_SIZE,
     FORCE,
+    MEASURED_SIZE,
     RATE_EXCESS,
     RATES,
     SATURATION,
@@ -38,6 +40,7 @@ from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
+_STEP_SIZE = MEASURED_SIZE + 3
 _GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
 
@@ -57,7 +60,11 @@ class BatchSetup(NamedTuple):
     rules: Array
     """(n, 8) rules, see `scoring.requirements`."""
     law: SparseLaw
-    """Terms of the law."""
+    """Terms of the law, unused by a controller in C."""
+    step: int
+    """Address of the step of a controller in C; 0 for a law."""
+    steps_lanes: bool
+    """True if it steps all flights of a batch in one call."""
     kind: float
     """[-] kind of its set-points, see `sim.inner_loop`."""
     bound: float
@@ -89,6 +96,8 @@ class Batch(NamedTuple):
     """(n, LANES) next states of the law."""
     commands: Array
     """(3, LANES) [N*m or rad/s] B."""
+    each: Array
+    """(LANES, n + 12) states, inputs and command of a controller in C that steps one flight in a call."""
     ring: Array
     """(delay + 1, SETPOINT_WIDTH * LANES) latest set-points, see `sim.inner_loop`."""
     kinds: Array
@@ -113,15 +122,19 @@ def _zeros(count: int) -> Array:
     return aligned_zeros(count * LANES).reshape(count, LANES)
 
 
-def allocate_batch(law: Law, delay: int, seeds: int) -> dict[str, Any]:
+def allocate_batch(law: Law | Library, delay: int, seeds: int) -> dict[str, Any]:
     """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
     drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
+    z, each = _zeros(law.order + EXTRA_SIZE), np.zeros((LANES, law.order + _STEP_SIZE))
+    if isinstance(law, Library):
+        z[: law.order], each[:, : law.order] = law.initial_state()[:, None], law.initial_state()
     ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
     ring[:, inner_loop.THRUST * LANES :] = np.nan
     return {
-        "z": _zeros(law.order + EXTRA_SIZE),
+        "z": z,
         "work": _zeros(law.order),
         "commands": _zeros(3),
+        "each": each,
         "ring": ring,
         "kinds": np.zeros(delay + 1),
         "record": aligned_zeros(WIDTH * LANES),
@@ -163,7 +176,12 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         _mix_noise(batch, batch.uniform.size)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
-        _step_law(shared.law, batch.z, batch.commands, batch.work)
+        if shared.step == 0:
+            _step_law(shared.law, batch.z, batch.commands, batch.work)
+        elif shared.steps_lanes:
+            call_step(shared.step, batch.z, batch.z[batch.work.shape[0] :], batch.commands)
+        else:
+            _step_each(shared.step, batch)
         _write_setpoint(batch, shared.bound, ring[now])
         batch.kinds[now] = shared.kind
         if free and rotors != 4:
@@ -296,6 +314,19 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     for i in range(n):
         for w in range(LANES):
             z[i, w] = work[i, w]
+
+
+@kernel
+def _step_each(step: int, batch: Batch) -> None:
+    """Call a controller in C once for each flight."""
+    z, each, commands, n = batch.z, batch.each, batch.commands, batch.work.shape[0]
+    end = n + MEASURED_SIZE
+    for w in range(LANES):
+        for i in range(n, end):
+            each[w, i] = z[i, w]
+        call_step(step, each[w], each[w, n:], each[w, end:])
+        for i in range(3):
+            commands[i, w] = each[w, end + i]
 
 
 @kernel

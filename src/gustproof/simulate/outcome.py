@@ -68,6 +68,12 @@ class FlightOutcome(Enum):
     """All of its processes were killed, or the machine was."""
 
 
+ENTRY_FAILURES = frozenset(outcome for outcome in FlightOutcome if outcome.name.startswith("CONTROLLER_")) - {
+    FlightOutcome.CONTROLLER_LOST
+}
+"""Ends of a flight by a fault of its entry."""
+
+
 def describe(outcome: FlightOutcome, scenario: Scenario, records: Records) -> str:
     """Return an outcome in words; if the script alone ended OFFBOARD, name the scripted modes."""
     changes, scripted = _mode_changes(records), _scripted_changes(scenario)

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.entries.entry import Entry, Pilot
-from gustproof.entries.stepper import StepError, make_stepper
-from gustproof.simulate.direct import fly_direct, fly_stepper
-from gustproof.simulate.loopback import fly_loopback
+from gustproof.entries.entry import Entry, EntryKind, Pilot
+from gustproof.entries.library import load_library
+from gustproof.entries.stepper import StepError, StepFault, make_stepper
+from gustproof.simulate.direct import fly_direct, fly_library, fly_stepper
+from gustproof.simulate.loopback import fly_by_messages, fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.types import Records
 
@@ -51,13 +52,19 @@ def fly_pilot(
 
 
 def _fly_entry(scenario: Scenario, entry: Entry, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
-    records, failure = fly_stepper(scenario, make_stepper(entry, nominal), vehicle=vehicle, seed=seed)
-    return _end(scenario, records, failure)
+    if scenario.has_link_script:
+        made = make_stepper(entry, nominal, scenario.dt)
+        return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
+    if entry.kind is EntryKind.LIBRARY and not (library := load_library(entry)).is_single:
+        records, fault = fly_library(scenario, library, vehicle=vehicle, seed=seed)
+        failure = StepError(StepFault.NOT_FINITE, f"controller '{entry.name}': commanded {fault}") if fault else None
+        return _end(scenario, records, failure)
+    return _end(scenario, *fly_stepper(scenario, make_stepper(entry, nominal), vehicle=vehicle, seed=seed))
 
 
 def _end(scenario: Scenario, records: Records, failure: StepError | None) -> PilotFlight:
     if failure is not None:
-        outcome, message = FlightOutcome[f"CONTROLLER_{failure.fault.name}"], str(failure)
-        return PilotFlight(records=records, outcome=outcome, message=f"{outcome.value} ({message})")
+        outcome = FlightOutcome[f"CONTROLLER_{failure.fault.name}"]
+        return PilotFlight(records=records, outcome=outcome, message=f"{outcome.value} ({failure})")
     outcome = infer_outcome(records, scenario)
     return PilotFlight(records=records, outcome=outcome, message=describe(outcome, scenario, records))

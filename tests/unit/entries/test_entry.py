@@ -17,10 +17,10 @@ def test_each_way_in_has_its_kind_name_and_digest(file, tmp_path, monkeypatch):
     library = tmp_path / "law.so"
     library.write_bytes(b"")
     monkeypatch.syspath_prepend(tmp_path)
-    found = [parse_entry(each) for each in (f"{file}:make", "my_mpc:make", str(library), "exec: node ./mine.mjs")]
+    found = [parse_entry(each) for each in (f"{file}:make", "my_mpc:fast", str(library), "exec: node ./mine.mjs")]
     kinds = EntryKind.PYTHON, EntryKind.PYTHON, EntryKind.LIBRARY, EntryKind.PROGRAM
     assert tuple(entry.kind for entry in found) == kinds
-    assert [entry.name for entry in found] == ["my_mpc", "my_mpc", "law", "mine"]
+    assert [entry.name for entry in found] == ["my_mpc", "my_mpc-fast", "law", "mine"]
     assert found[0].digest == found[1].digest != found[2].digest
     assert found[3].digest == ""
 

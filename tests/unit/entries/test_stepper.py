@@ -9,7 +9,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.entries import stepper
 from gustproof.entries.entry import parse_entry
-from gustproof.entries.stepper import StepError, StepFault, make_stepper, wire_fractions
+from gustproof.entries.stepper import StepError, StepFault, make_stepper
 from gustproof.entries.time_limit import TimeLimitExceeded, time_limit
 
 pytestmark = pytest.mark.plain
@@ -135,7 +135,3 @@ def test_another_thread_has_no_time_limit():
     thread.start()
     thread.join()
     assert ended
-
-
-def test_torques_become_fractions_within_the_limit():
-    assert wire_fractions((0.1, -9.0, 1e300), (1.0, 2.0, 2.0)) == (float(np.float32(0.1)), -1.0, 1.0)
