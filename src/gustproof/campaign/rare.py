@@ -37,8 +37,8 @@ from gustproof.campaign.plan import Campaign
 from gustproof.campaign.sampling import Sampling, draw_normals, flight_seeds, place_deltas
 from gustproof.campaign.worker import FIGURES, load_campaign
 from gustproof.errors import FlightError
-from gustproof.law.form import Law
 from gustproof.simulate.batch import Case, make_batch_simulator
+from gustproof.simulate.guest import ForeignAutopilot
 from gustproof.simulate.kernels import LANES
 from gustproof.types import Array
 
@@ -303,7 +303,7 @@ class _Ensemble:
 
     def __init__(self, campaign: Campaign, event: Threshold, number: int) -> None:
         law = campaign.laws[0]
-        if not isinstance(law, Law):
+        if isinstance(law, ForeignAutopilot):
             raise TypeError(law)
         size = LANES * max(math.ceil(campaign.cases / (ENSEMBLES * LANES)), 2)
         self._campaign, self._event, self._simulate = campaign, event, make_batch_simulator(campaign.scenario, law)

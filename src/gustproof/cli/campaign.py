@@ -1,7 +1,7 @@
 """The command `gustproof campaign`: one scenario, flown many times."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from gustproof.campaign.rare import Threshold
     from gustproof.campaign.statistics import CampaignStatistics
     from gustproof.entries.entry import Entry
-    from gustproof.simulate.guest import ForeignAutopilot
 
 Choice = TypeVar("Choice", bound=Enum)
 
@@ -116,8 +115,7 @@ def campaign(
 
     With more --runs, or another --law, the same command extends the table: what is flown is not flown again.
 
-    A controller of your own may fly beside the laws. An object of Python flies one run at a time, in some 100 times
-    real time; C is as fast as a law:
+    A controller of your own may fly beside the laws: an object of Python one run at a time, C as fast as a law.
 
         gustproof campaign paper --law flagship --controller my_mpc.py:make --controller ./law.so -o all.parquet
 
@@ -142,9 +140,7 @@ def campaign(
     event = None if rare is None else parse_threshold(rare)
     _check_outputs(output, latex, csv, is_rare=event is not None)
     script, vehicles = load_scenario(scenario), load_vehicle_set(vehicle)
-    contestants = _find_contestants(law or (), controller or (), vehicles, script)
-    if autopilot is not None:
-        contestants = (*contestants, _find_autopilot(autopilot, build, params, script))
+    contestants = _find_contestants(law or (), controller or (), autopilot, build, params, vehicles, script)
     table = None if output is None or event is not None or not output.exists() else output
     if not contestants:
         contestants = _default_contestants(table, vehicles, script, quiet=as_json)
@@ -175,29 +171,25 @@ def campaign(
         show(render_campaign(found))
 
 
-def _find_entries(sources: Sequence[str]) -> "list[Entry]":
-    """Return controllers that can fly in the processes of a campaign."""
-    from gustproof.entries.entry import EntryKind, parse_entry
-
-    entries = list(map(parse_entry, sources))
-    for entry in entries:
-        if entry.kind is EntryKind.PROGRAM:
-            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
-    return entries
-
-
 def _find_contestants(
-    laws: Sequence[str], controllers: Sequence[str], vehicles: "VehicleSet", script: "Scenario"
+    laws: Sequence[str],
+    controllers: Sequence[str],
+    autopilot: str | None,
+    build: str,
+    params: str,
+    vehicles: "VehicleSet",
+    script: "Scenario",
 ) -> "tuple[Contestant, ...]":
-    found = (find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws)
-    return (*found, *_find_entries(controllers))
-
-
-def _find_autopilot(kind: str, build: str, params: str, script: "Scenario") -> "ForeignAutopilot":
     from gustproof.simulate.guest import ForeignAutopilot, check_guest
 
+    found: tuple[Contestant, ...] = (
+        *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),
+        *_find_entries(controllers),
+    )
+    if autopilot is None:
+        return found
     check_guest(script)
-    return ForeignAutopilot(kind=kind, build=build, parameters=params)
+    return (*found, ForeignAutopilot(kind=autopilot, build=build, parameters=params))
 
 
 def _default_contestants(
@@ -255,6 +247,17 @@ def _check_outputs(output: Path | None, latex: Path | None, csv: Path | None, *,
     check_output(output, ".parquet", "a campaign's table")
     check_output(latex, ".tex", "a LaTeX table")
     check_output(csv, ".csv", "a table of figures")
+
+
+def _find_entries(sources: Iterable[str]) -> "list[Entry]":
+    """Return controllers that can fly in the processes of a campaign."""
+    from gustproof.entries.entry import EntryKind, parse_entry
+
+    entries = list(map(parse_entry, sources))
+    for entry in entries:
+        if entry.kind is EntryKind.PROGRAM:
+            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
+    return entries
 
 
 def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | None, *, quiet: bool) -> None:
