@@ -151,11 +151,16 @@ class League:
         """Numbers of the entrants from the least error on."""
         return sorted(range(len(self.plan.entrants)), key=lambda i: (self.standings.ratios[i].value, i))
 
-    def losses(self, entrant: int) -> list[int]:
-        """Return the cells in which another entrant has a lower error, the largest difference first."""
-        cells, best = self.standings.cells, self.standings.cell_best
-        lost = [k for k in range(len(self.cells)) if best[k] != entrant]
-        return sorted(lost, key=lambda k: cells[best[k], k] / cells[entrant, k])
+    def losses(self, entrant: int) -> list[tuple[int, int]]:
+        """Return the cells that an entrant loses to another of its class, each with the best there.
+
+        The largest loss comes first. Entrants of other classes pay another price.
+        """
+        cells, own = self.standings.cells, self.classes[entrant]
+        rivals = [i for i, found in enumerate(self.classes) if found == own]
+        best = [min(rivals, key=lambda i: float(cells[i, k])) for k in range(len(self.cells))]
+        lost = [(k, i) for k, i in enumerate(best) if cells[i, k] < cells[entrant, k]]
+        return sorted(lost, key=lambda pair: float(cells[pair[1], pair[0]] / cells[entrant, pair[0]]))
 
     def to_dict(self, *, reveal: bool = False) -> dict[str, Any]:
         """Return the league as JSON values, the entrants in the order of their scores; the salt if it is revealed."""

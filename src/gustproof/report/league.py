@@ -83,16 +83,16 @@ def watched_entrant(league: League) -> int:
 
 
 def describe_losses(league: League) -> Iterator[str]:
-    """Yield where the watched entrant is beaten, and by whom, the worst first."""
-    watched, found = watched_entrant(league), league.standings
+    """Yield where the watched entrant is beaten within its class, and by whom, the worst first."""
+    watched, cells = watched_entrant(league), league.standings.cells
     name, lost = league.plan.entrants[watched].name, league.losses(watched)
-    yield f"{name} has not the least error in {len(lost)} of {len(league.cells)} cells{':' if lost else ''}"
-    for k in lost[:MOST_LOSSES]:
-        cell, best = league.cells[k], int(found.cell_best[k])
-        ratio = found.cells[watched, k] / found.cells[best, k]
-        yield f"  {cell.scenario.name}, {cell.vehicle}: {ratio:.3g} times that of {league.plan.entrants[best].name}"
+    own, of, rest = league.classes[watched].name, len(league.cells), "; not in:" if lost else ""
+    yield f"{name} has the least error of its class, {own}, in {of - len(lost)} of {of} cells{rest}"
+    for k, best in lost[:MOST_LOSSES]:
+        cell, rival = league.cells[k], league.plan.entrants[best].name
+        yield f"  {cell.scenario.name}, {cell.vehicle}: {cells[watched, k] / cells[best, k]:.3g} times that of {rival}"
     if len(lost) > MOST_LOSSES:
-        yield f"  and in {len(lost) - MOST_LOSSES} more, see --json or the page"
+        yield f"  and {len(lost) - MOST_LOSSES} more, see the page"
 
 
 def describe_failures(league: League) -> Iterator[str]:
