@@ -124,9 +124,8 @@ TUNERS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name == "geometric" else pytest.mark.long) for name in TUNERS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TUNERS)
 def test_another_vehicle_is_tuned_like_the_shipped(name):
     tune, kind = TUNERS[name]
     iris = load_vehicle("iris")
