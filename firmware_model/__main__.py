@@ -188,9 +188,16 @@ def summarize(endpoint: VehicleEndpoint, samples: int | None, *, fifo: bool = Fa
         "realtime_factor": flight.loop.time_us * 1e-6 / flown_s if flown_s else 0.0,
         "pace": None if flight.lockstep else _summarize_timing(flight, fifo),
         "counters": counters,
+        "state": _describe_state(endpoint),
         "links": endpoint.links,
         "link_faults": endpoint.scripted_link.stats() if endpoint.scripted_link else {},
     }
+
+
+def _describe_state(endpoint: VehicleEndpoint) -> dict[str, Any]:
+    """Return the state at the end: for a flight that did not begin, how far its controller came."""
+    autopilot = endpoint.autopilot
+    return {"armed": autopilot.armed, "mode": autopilot.mode.name, "answered": endpoint.flight.setpoint is not None}
 
 
 _PACE_COUNTERS = {"missed": TimingFault.OVERRUN, "held": TimingFault.HELD, "stalled": TimingFault.STALLED}

@@ -51,6 +51,16 @@ class AccelerometerFault:
 
 
 @strict_dataclass
+class NoiseTurn:
+    """Turn of all random numbers of gusts and sensors: noise becomes cos(angle) noise + sin(angle) other noise."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    """Seed of the other noise."""
+    angle_rad: Annotated[float, Field(ge=0.0, le=math.pi / 2.0)]
+    """[rad] 0 leaves the noise, pi/2 replaces it."""
+
+
+@strict_dataclass
 class Scenario:
     """Scripted flight; times are multiples of the sample time.
 
@@ -97,6 +107,8 @@ class Scenario:
     """Events at stated times."""
     require: Annotated[tuple[Requirement, ...], _MANY] = ()
     """Requirements."""
+    turn: Annotated[tuple[NoiseTurn, ...], _MANY] = ()
+    """Turns, in order, of the random numbers that the flight's seed gives; `campaign --rare` finds them."""
 
     @model_validator(mode="after")
     def _check_rates(self) -> Self:

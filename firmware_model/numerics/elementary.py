@@ -207,3 +207,18 @@ def normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, flo
     """Return four standard normal numbers made of `uniforms`; `|n|` stays below 6.34."""
     a, b, c, d = uniforms(seed, stream, sample, block)
     return inverse_normal(a), inverse_normal(b), inverse_normal(c), inverse_normal(d)
+
+
+@kernel
+def mixed_normals(mix: Array, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    """Return four standard normal numbers, sums of the `normals` of several seeds.
+
+    Each row of `mix` (n, 3) holds a seed and two factors [-]: on the sum of the rows before it, and on the normals of
+    its seed. The squares of the factors add up to 1. The first row is (seed, 0, 1).
+    """
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for j in range(mix.shape[0]):
+        kept, added = mix[j, 1], mix[j, 2]
+        e, f, g, h = normals(int(mix[j, 0]), stream, sample, block)
+        a, b, c, d = kept * a + added * e, kept * b + added * f, kept * c + added * g, kept * d + added * h
+    return a, b, c, d

@@ -74,11 +74,11 @@ def put_vector(lane: Lane, row: int, value: Vector) -> None:
 
 def loader(kind: type[Row]) -> Callable[[Lane, int], Row]:
     """Return the kernel `load(lane, row) -> kind` that reads the fields of `kind`, the first of them from `row`."""
-    count, gather = _count(kind), intrinsic(_make_gather(kind))
+    count, nest, gather = _count(kind), _make_nest(kind), intrinsic(_make_gather(kind))
 
     def load(lane: Lane, row: int) -> Row:
         at = row * lane.width + lane.number
-        loaded: Row = _nest(kind, iter(lane.array[at : at + count * lane.width : lane.width]))
+        loaded: Row = nest(iter(lane.array[at : at + count * lane.width : lane.width]))
         return loaded
 
     def overload_load(_lane: Any, _row: Any) -> Any:
@@ -132,12 +132,13 @@ def _count(kind: Any) -> int:
     return sum(map(_count, _fields(kind))) or 1
 
 
-def _nest(kind: Any, numbers: Iterator[float]) -> Any:
-    """Return a `kind` made of the next numbers."""
-    if not (fields := _fields(kind)):
-        return next(numbers)
-    items = [_nest(field, numbers) for field in fields]
-    return kind(*items) if hasattr(kind, "_fields") else tuple(items)
+def _make_nest(kind: Any) -> Callable[[Iterator[float]], Any]:
+    """Return what makes a `kind` of the next numbers; the types are read here, not for each row."""
+    parts = [_make_nest(field) for field in _fields(kind)]
+    if not parts:
+        return next
+    make = kind._make if hasattr(kind, "_fields") else tuple
+    return lambda numbers: make([part(numbers) for part in parts])
 
 
 def _compiled_type(kind: Any) -> Any:

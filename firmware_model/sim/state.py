@@ -1,6 +1,7 @@
 """Constants and state of vehicle, air and on-board loops, packed into arrays for the kernels."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,11 +10,11 @@ from numpy.typing import NDArray
 
 from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_params
 from firmware_model.autopilot.position_loop import initial_position_state, position_params
-from firmware_model.config.scenario import Scenario
+from firmware_model.config.scenario import NoiseTurn, Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import compiled
-from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import GUST_STREAM
 from firmware_model.numerics.rotations import from_euler
 from firmware_model.numerics.soa import field_offset, flatten
@@ -60,8 +61,8 @@ class SimState:
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     changes: Array
     """(n, 3) changes by events, see `VehicleInitial`."""
-    seed: int
-    """Seed of all random streams."""
+    mix: Array
+    """(n, 3) seeds of gusts and sensors, and their factors [-], see `mixed_normals`."""
     vehicle: Vehicle
     """Vehicle of the constants."""
     gust_scale: float
@@ -99,7 +100,7 @@ def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactiv
         waves=make_waves(scenario),
         replay=make_replay(scenario),
         changes=changes,
-        seed=seed,
+        mix=noise_mix(seed, scenario.turn),
         vehicle=vehicle,
         gust_scale=scenario.gust_scale,
         dt=scenario.dt,
@@ -114,20 +115,21 @@ def initial_vehicle_state(
     interactive: bool = False,
     gust_scale: float | None = None,
     attitude_deg: Vector | None = None,
+    mix: Array | None = None,
 ) -> VehicleInitial:
     """Return the per-vehicle part of `initial_state`.
 
-    `gust_scale` and `attitude_deg` replace the scenario's `gust_scale` and `initial_attitude_deg`.
+    `gust_scale` and `attitude_deg` replace the scenario's `gust_scale` and `initial_attitude_deg`. `mix` (n, 3)
+    replaces the seed with the scenario's turns, see `mixed_normals`.
 
     Raises
     ------
     ValueError
         If the seed is not in [0, 2^32).
     """
-    if not 0 <= seed < 2**32:
-        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
+    mix = noise_mix(seed, scenario.turn) if mix is None else mix
     dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
-    dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, seed)
+    dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, mix)
     grounded = interactive and scenario.free
     phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
     still = (0.0, 0.0, 0.0)
@@ -145,6 +147,20 @@ def initial_vehicle_state(
         ),
         changes=_list_changes(vehicle, scenario),
     )
+
+
+def noise_mix(seed: int, turns: Sequence[NoiseTurn]) -> Array:
+    """Return the rows (n, 3) for `mixed_normals` of a seed and the turns of its noise.
+
+    Raises
+    ------
+    ValueError
+        If the seed is not in [0, 2^32).
+    """
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
+    turned = [(float(turn.seed), math.cos(turn.angle_rad), math.sin(turn.angle_rad)) for turn in turns]
+    return np.array([(float(seed), 0.0, 1.0), *turned])
 
 
 def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
@@ -213,7 +229,7 @@ def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> Accelerometer
 
 
 def _initial_turbulence(
-    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, seed: int
+    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, mix: Array
 ) -> tuple[DrydenParams, DrydenState]:
     if dryden is None:
         still = TransverseParams(*[0.0] * 15)
@@ -221,7 +237,7 @@ def _initial_turbulence(
     spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
     params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
-    draw = np.array([*_normals(seed, GUST_STREAM, 0, 2), *_normals(seed, GUST_STREAM, 0, 3)])
+    draw = np.array([*_normals(mix, GUST_STREAM, 0, 2), *_normals(mix, GUST_STREAM, 0, 3)])
     return params, DrydenState(*(factor @ draw).tolist())
 
 
@@ -231,5 +247,5 @@ def _from_euler(phi: float, theta: float, psi: float) -> Quaternion:
 
 
 @compiled
-def _normals(seed: int, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
-    return normals(seed, stream, sample, block)
+def _normals(mix: Array, stream: int, sample: int, block: int) -> tuple[float, float, float, float]:
+    return mixed_normals(mix, stream, sample, block)

@@ -8,7 +8,7 @@ from typing import Any
 from firmware_model.autopilot import attitude_loop
 from firmware_model.autopilot.attitude_loop import StabilizerParams, StabilizerState
 from firmware_model.numerics.compiled import compiled, kernel
-from firmware_model.numerics.elementary import normals
+from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, single, storer
@@ -51,17 +51,21 @@ def observe_kernel(
     waves: Array,
     replay: Array,
     changes: Array,
-    seed: int,
+    mix: Array,
     sample: int,
     sample_us: int,
     record: Array,
 ) -> None:
-    """Write to `record` the true state at a sample, the inputs from then on, and the measurements; once a sample."""
+    """Write to `record` the true state at a sample, the inputs from then on, and the measurements; once a sample.
+
+    `mix` (n, 3) is that of `mixed_normals`.
+    """
     one, x = single(params), single(state)
     apply_changes(params, x, changes, sample)
     time_us = sample * sample_us
     scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
-    gyro_noise, force_noise = normals(seed, GYRO_STREAM, sample, 0), normals(seed, ACCELEROMETER_STREAM, sample, 0)
+    gyro_noise = mixed_normals(mix, GYRO_STREAM, sample, 0)
+    force_noise = mixed_normals(mix, ACCELEROMETER_STREAM, sample, 0)
     if get(one, layout.BATTERY) != 0.0:
         drain_battery(one, x)
     measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
@@ -70,7 +74,7 @@ def observe_kernel(
 
 @kernel
 def advance_kernel(
-    params: Array, state: Array, seed: int, sample: int, sample_us: int, setpoint: Array, record: Array
+    params: Array, state: Array, mix: Array, sample: int, sample_us: int, setpoint: Array, record: Array
 ) -> None:
     """Step from a sample to the next under `setpoint`, and write the actuator command to `record`."""
     one, x, row = single(params), single(state), single(record)
@@ -86,7 +90,7 @@ def advance_kernel(
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
         _store_stabilizer_state(x, X_STABILIZER, estimate)
     _store_body(x, X_BODY, body)
-    step_turbulence(one, x, normals(seed, GUST_STREAM, sample, 0), normals(seed, GUST_STREAM, sample, 1))
+    step_turbulence(one, x, mixed_normals(mix, GUST_STREAM, sample, 0), mixed_normals(mix, GUST_STREAM, sample, 1))
 
 
 @kernel

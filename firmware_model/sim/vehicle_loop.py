@@ -73,7 +73,7 @@ class VehicleLoop:
         if self._imu is None:
             x = self._state
             sample, sample_us, record = self.sample, self._sample_us, self._record
-            step.observe(x.params, x.state, x.waves, x.replay, x.changes, x.seed, sample, sample_us, record)
+            step.observe(x.params, x.state, x.waves, x.replay, x.changes, x.mix, sample, sample_us, record)
             p, q, r, f_x, f_y, f_z = record[_IMU].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
         return self._imu
@@ -98,7 +98,7 @@ class VehicleLoop:
             self._pending = deque([(row, None)] * len(self._pending))
             self._clamped = row is _OFF
         x = self._state
-        step.advance(x.params, x.state, x.seed, self.sample, self._sample_us, row, self._record)
+        step.advance(x.params, x.state, x.mix, self.sample, self._sample_us, row, self._record)
         self._record[_AGE] = math.nan if stamp_us is None else (self.time_us - stamp_us) // self._sample_us
         self._record[_MODE] = mode
         self.sample += 1

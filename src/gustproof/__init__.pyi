@@ -30,6 +30,9 @@ from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margi
 from gustproof.certify.mu.singular_value import mu as mu
 from gustproof.certify.mu.worst_gain import worst_gain as worst_gain
 from gustproof.certify.rounding import certify_rounding as certify_rounding
+from gustproof.entries.entry import Entry as Entry
+from gustproof.entries.entry import parse_entry as parse_entry
+from gustproof.entries.stepper import make_stepper as make_stepper
 from gustproof.errors import DesignError as DesignError
 from gustproof.falsify.worst_case import WorstCase as WorstCase
 from gustproof.falsify.worst_case import worst_case as worst_case
@@ -75,6 +78,7 @@ from gustproof.simulate.direct import fly_direct as fly_direct
 from gustproof.simulate.guest import ForeignAutopilot as ForeignAutopilot
 from gustproof.simulate.loopback import fly_loopback as fly_loopback
 from gustproof.simulate.outcome import FlightOutcome as FlightOutcome
+from gustproof.simulate.pilots import fly_pilot as fly_pilot
 from gustproof.simulate.processes import fly as fly
 from gustproof.synthesis.derive import derive as derive
 from gustproof.synthesis.designs import Design as Design

@@ -226,7 +226,7 @@ ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     private_imports_across_rooms: 0,
     code_from_text: 0,
     rooms_without_docstring: 0,
-    unformatted_code: 20,
+    unformatted_code: 19,
     unused_definitions: 0,
 }
 """Breaches that the tree still has, by rule. A number may fall, never rise."""

@@ -1,5 +1,6 @@
 import math
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
@@ -20,7 +22,15 @@ from gustproof.types import Records
 UNITS = Path(__file__).parent
 WAITING = UNITS.with_name("conformance")
 WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
-WITHOUT_KERNELS = ("law/io", *(f"firmware_model/{room}" for room in ("config", "mavlink", "process", "recording")))
+WITHOUT_KERNELS = (
+    *(f"firmware_model/{room}" for room in ("autopilot", "config", "mavlink", "process", "recording")),
+    *(f"firmware_model/numerics/test_{name}.py" for name in ("elementary", "rotations")),
+    *(f"firmware_model/physics/test_{name}.py" for name in ("contact", "dryden", "rigid_body", "sensors")),
+    *(f"firmware_model/session/test_{name}.py" for name in ("latency", "pacing")),
+    *(f"law/{name}" for name in ("io", "test_form.py", "test_hover.py", "test_resample.py")),
+    *("controller/test_height.py", "firmware_model/guest/test_ardupilot.py", "simulate/test_outcome.py"),
+)
+"""Rooms and files among those above, found by counting calls of entry points."""
 
 
 def pytest_collection_modifyitems(items):
@@ -28,9 +38,9 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if not item.path.is_relative_to(UNITS) or any(map(item.get_closest_marker, ("compiled", "slow"))):
             continue
-        room = item.path.relative_to(UNITS).parent
-        flies = any(map(room.is_relative_to, WITH_KERNELS)) and not any(map(room.is_relative_to, WITHOUT_KERNELS))
-        if room.parts and not flies:
+        file = item.path.relative_to(UNITS)
+        flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
+        if len(file.parts) > 1 and not flies:
             item.add_marker("plain")
     # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
     items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
@@ -66,6 +76,17 @@ def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6
         if limited
         else None,
     )
+
+
+@pytest.fixture
+def handlers_and_collector_stay(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a command in this process change signals and memory for its own time only."""
+    monkeypatch.setattr(realtime, "freeze_gc", lambda **_: None)
+    monkeypatch.setattr(realtime, "request_fifo_scheduling", lambda: False)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

@@ -251,23 +251,13 @@ class _Advisor:
 
 
 def _axis(law: Law, axis: int, model: AxisModel, omega: Matrix) -> _Axis:
-    controller = _axis_controller(law, axis)
+    controller = loop_law(law).subsystem([axis], [axis]).connected()
     loop = open_loop(model, controller)
     L = loop.response(omega)[:, 0, 0]
     closed = loop.A - _FACTORS[:, None, None] * (loop.B @ loop.C)
     stable = np.max(np.abs(np.linalg.eigvals(closed)), axis=1) < 1.0
     peaks = 1.0 / np.min(np.abs(1.0 + _FACTORS[:, None] * L), axis=1)
     return _Axis(model, controller, L, np.where(stable, peaks, math.inf))
-
-
-def _axis_controller(law: Law, axis: int) -> Lti:
-    """Return one axis of the law within its limits, with the states that its gyro reaches."""
-    K = loop_law(law)
-    own = K.B[:, axis] != 0.0
-    for _ in range(K.order):
-        own = own | np.any(K.A[:, own] != 0.0, axis=1)
-    at = np.flatnonzero(own)
-    return Lti(A=K.A[np.ix_(at, at)], B=K.B[at][:, [axis]], C=K.C[[axis]][:, at], D=K.D[[axis]][:, [axis]], dt=K.dt)
 
 
 def _pooled(axes: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from gustproof.errors import DesignError
 from gustproof.falsify.worst_case import WorstCase, worst_case
 from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, margins
+from gustproof.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.output_rounding import rounding_slew
 from gustproof.performance.predict import Prediction, predict
@@ -319,11 +319,11 @@ def _judge_axes(
         return None, ()
     K, levelled = loop_law(law), law.uses_accelerometer
     tried = [box.nominal, *(each for each in box.corners() if each not in unstable)]
-    sampled = [margins(hover_plant(each, scenario, with_attitude=levelled), K).input for each in tried]
+    sampled = [input_margins(hover_plant(each, scenario, with_attitude=levelled), K) for each in tried]
     found = []
     for axis in range(3):
         loops = [each[axis] for each in sampled]
-        worst, bound = _worst_margins(loops), None
+        worst, bound = worst_loop(loops), None
         peak = math.inf if unstable else worst.Ms
         try:
             centre, spreads = box.centre(axis)
@@ -343,17 +343,6 @@ def _judge_axes(
             )
         )
     return predicted, tuple(found)
-
-
-def _worst_margins(loops: list[LoopMargins]) -> LoopMargins:
-    return LoopMargins(
-        crossover=max(loop.crossover for loop in loops),
-        phase_margin=min(loop.phase_margin for loop in loops),
-        gain_margin=min(loop.gain_margin for loop in loops),
-        gain_reduction_margin=max(loop.gain_reduction_margin for loop in loops),
-        delay_margin=min(loop.delay_margin for loop in loops),
-        Ms=max(loop.Ms for loop in loops),
-    )
 
 
 def _slew(predicted: Prediction | None, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float | None:

@@ -10,7 +10,7 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.law.resample import resample
-from gustproof.lti.margins import margins
+from gustproof.lti.margins import input_margins
 from gustproof.model.uncertainty import Spreads
 
 SPREADS = Spreads(inertia=0.2, actuator_lag=0.3)
@@ -51,7 +51,7 @@ def hover_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> HoverMargin
     """
     if not is_stable_at_hover(law, vehicle, scenario):
         return None
-    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
+    axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
     delay_margin = min(axis.delay_margin for axis in axes)
     return HoverMargins(
         Ms=max(axis.Ms for axis in axes),

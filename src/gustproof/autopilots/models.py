@@ -16,6 +16,7 @@ from pathlib import Path
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.parameter_files import SUFFIXES, read_parameters
+from firmware_model.types import Vector
 from gustproof.autopilots.ardupilot_loops import ARDUPILOT
 from gustproof.autopilots.px4_loops import PX4
 from gustproof.autopilots.settings import Autopilot, LoopSignals, complete
@@ -53,11 +54,18 @@ class AutopilotLaw:
 
 
 def autopilot_law(
-    kind: str, parameters: Mapping[str, float], vehicle: Vehicle, *, rate_hz: int | None = None, name: str = ""
+    kind: str,
+    parameters: Mapping[str, float],
+    vehicle: Vehicle,
+    *,
+    rate_hz: int | None = None,
+    full_torque: Vector | None = None,
+    name: str = "",
 ) -> AutopilotLaw:
     """Return the loops of `px4` or `ardupilot` on a vehicle; those not given are the autopilot's defaults.
 
-    By default the rate is that of the autopilot's simulation, 250 and 400 Hz.
+    By default the rate is that of the autopilot's simulation, 250 and 400 Hz, and `full_torque` [N*m], that of a
+    command of 1, that of its mixer.
 
     Raises
     ------
@@ -68,7 +76,7 @@ def autopilot_law(
     if autopilot is None:
         raise ConfigError(f"autopilot '{kind}' is none of {', '.join(AUTOPILOTS)}")
     values, rate = complete(autopilot, parameters), autopilot.rate_hz if rate_hz is None else rate_hz
-    full_torque = autopilot.full_torque(vehicle, values)
+    full_torque = autopilot.full_torque(vehicle, values) if full_torque is None else full_torque
     axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]
     law = cascade_law(
         name or kind,

@@ -5,6 +5,7 @@ import gc
 import logging
 import os
 import signal
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
@@ -71,6 +72,8 @@ def process_pool(workers: int) -> Iterator[Pool]:
     ...     pool.submit(sum, [1, 2]).result()
     3
     """
+    # a worker that has loaded compilers and designs is as large as it gets, and is no leak
+    warnings.filterwarnings("ignore", message="A worker was restarted", category=UserWarning)
     pool = _ProcessPool(workers)
     try:
         yield pool

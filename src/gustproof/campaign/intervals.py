@@ -42,6 +42,18 @@ def mean(values: Array) -> IntervalEstimate:
     return IntervalEstimate(value, value - half, value + half)
 
 
+def positive_mean(values: Array) -> IntervalEstimate:
+    """Return the mean of independent `values` (n,) that are not negative, by Student's t on the logarithm of the mean.
+
+    The interval is close if the values spread less than their mean; it has no lower end above 0 if all are 0.
+    """
+    value, n = float(np.mean(values)), len(values)
+    if n < 2 or value == 0.0:
+        return IntervalEstimate(value, 0.0, math.inf)
+    spread = float(stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / (math.sqrt(n) * value))
+    return IntervalEstimate(value, value * math.exp(-spread), value * math.exp(spread))
+
+
 def quantile(ordered: Array, p: float) -> IntervalEstimate:
     """Return the `p` quantile of ascending values (n,); the interval is exact for any distribution.
 

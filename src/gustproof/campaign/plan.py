@@ -18,6 +18,8 @@ from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
 from gustproof.campaign.sampling import Sampling, draw_deltas, flight_seeds
+from gustproof.entries.entry import Entry, EntryKind, find_entry
+from gustproof.entries.library import load_library
 from gustproof.law.form import Law, parse_law
 from gustproof.simulate.batch import Case
 from gustproof.simulate.guest import ForeignAutopilot, parse_autopilot
@@ -27,6 +29,10 @@ from gustproof.version import software_versions
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
+
+
+Contestant = Law | Entry | ForeignAutopilot
+"""Whatever flies a campaign."""
 
 
 class DispersionKind(Enum):
@@ -67,8 +73,8 @@ class Campaign:
 
     scenario: Scenario
     """Script."""
-    laws: tuple[Law | ForeignAutopilot, ...]
-    """Laws, and real autopilots that fly in place of one, with distinct names."""
+    laws: tuple[Contestant, ...]
+    """Laws, and entries and real autopilots that fly in place of one, with distinct names."""
     vehicles: VehicleSet
     """Vehicle with its spreads."""
     spreads: Mapping[str, Spread]
@@ -99,9 +105,9 @@ class Campaign:
     @property
     def flies_in_lanes(self) -> bool:
         """True if many runs are flown side by side in one loop, without messages."""
-        return not self.scenario.has_link_script and all(isinstance(law, Law) for law in self.laws)
+        return not self.scenario.has_link_script and all(map(flies_in_lanes, self.laws))
 
-    def law_of(self, run: int) -> Law | ForeignAutopilot:
+    def law_of(self, run: int) -> Contestant:
         """Return the law that flies a run."""
         return self.laws[run // self.cases]
 
@@ -221,7 +227,16 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
         raise ConfigError(f"{source}: no description of a campaign") from None
 
 
-def _parse_contestant(document: Any, source: Path | str) -> Law | ForeignAutopilot:
+def flies_in_lanes(contestant: Contestant) -> bool:
+    """Return whether a contestant flies in the compiled loop over many flights: laws, and C in double precision."""
+    if not isinstance(contestant, Entry):
+        return isinstance(contestant, Law)
+    return contestant.kind is EntryKind.LIBRARY and not load_library(contestant).is_single
+
+
+def _parse_contestant(document: Any, source: Path | str) -> Contestant:
     if "autopilot" in document:
         return parse_autopilot(document, source)
+    if "kind" in document:
+        return find_entry(document, source)
     return parse_law(document, f"{source}: law")

@@ -11,6 +11,7 @@ from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.reader import read_campaign, read_run
 from gustproof.campaign.worker import FIGURES, delta_column, requirement_columns
+from gustproof.entries.entry import Entry
 from gustproof.law.form import load_law
 from gustproof.simulate.flight import Flight, FlightPlan
 from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
@@ -35,7 +36,8 @@ class CampaignRun(NamedTuple):
         script = case.apply_to(self.campaign.scenario)
         if isinstance(law, ForeignAutopilot):
             return GuestPlan(script, law, case.vehicle, case.seed, real_time=False)
-        return FlightPlan(script, law, case.vehicle, case.seed, real_time=False)
+        nominal = self.campaign.vehicles.nominal if isinstance(law, Entry) else None
+        return FlightPlan(script, law, case.vehicle, case.seed, real_time=False, nominal=nominal)
 
     def check(self, scenario: str | None, law: str | None) -> None:
         """Check that scenario and law are those of the run; `None` matches any.

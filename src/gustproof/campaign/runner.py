@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gustproof.campaign.executors import Pool
+from gustproof.campaign.growth import take_runs
 from gustproof.campaign.plan import Campaign
 from gustproof.campaign.store import Store
 from gustproof.campaign.worker import Chunk, ChunkResult, check_worker, failed_rows, fly_chunk
@@ -29,8 +30,11 @@ def fly_campaign(
     chunk_runs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     task: Task = fly_chunk,
+    known: Path | None = None,
 ) -> None:
     """Fly the runs still missing and write all runs as one Parquet file, one row per run.
+
+    `known` is the table of a smaller campaign, made larger by `grow_campaign`; its runs are not flown again.
 
     Tasks are chunks of `chunk_runs` runs, by default about a second of work; the file does not depend on it.
     `progress` receives the number of runs flown and the number to fly. The task of a dead worker is repeated. Bisection
@@ -61,6 +65,8 @@ def fly_campaign(
     64
     """
     with Store(output, campaign) as store:
+        if known is not None:
+            take_runs(known, campaign, store)
         _Runner(campaign, store, pool, chunk_runs, progress or (lambda *_: None), task).run()
         store.finish()
 

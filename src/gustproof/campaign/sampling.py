@@ -16,6 +16,7 @@ Words = NDArray[np.uint64]
 _EDGE_SIGMAS = 3.0  # standard deviations from nominal to edge, where the normal distribution is truncated
 _SOBOL_SEED, _CASES, _STRATA = 4, 5, 6  # streams of random numbers; a flight uses 1 to 3
 _ROUNDS = 6
+_LEAST = 2.0**-53  # a uniform number of 0 has no quantile
 
 
 class Sampling(Enum):
@@ -46,6 +47,22 @@ def draw_deltas(sampling: Sampling, seed: int, cases: int, width: int, first: in
             fractions = (np.array(columns, dtype=np.float64).reshape(width, count).T + inside) / cases
         case _:
             fractions = _draw_uniform(seed, width, first, count)
+    return _to_normal(fractions) if sampling is Sampling.NORMAL else 2.0 * fractions - 1.0
+
+
+def draw_normals(seed: int, width: int, first: int, count: int) -> Array:
+    """Return standard normal numbers (count, width) of the cases from `first` on, each a dispersion's place."""
+    from scipy.special import ndtri
+
+    places: Array = ndtri(np.clip(_draw_uniform(seed, width, first, count), _LEAST, 1.0 - _LEAST))
+    return places
+
+
+def place_deltas(sampling: Sampling, normals: Array) -> Array:
+    """Return the deltas (n,) of an independent case at the standard normal `normals` (n,)."""
+    from scipy.special import ndtr
+
+    fractions: Array = ndtr(normals)
     return _to_normal(fractions) if sampling is Sampling.NORMAL else 2.0 * fractions - 1.0
 
 

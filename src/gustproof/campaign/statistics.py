@@ -119,6 +119,10 @@ class LawComparison:
     """Name of the second law."""
     lower: IntervalEstimate
     """[-] share of the cases in which the figure of `law` is below that of `other`."""
+    difference: IntervalEstimate
+    """[unit of the figure] mean over the cases of the figure of `law` less that of `other`."""
+    effect: float
+    """[-] J. Cohen's d_z, 1988: the difference over the standard deviation of the differences; NaN if all are equal."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -275,6 +279,14 @@ def _compare_laws(figure: str, values: Array, campaign: Campaign) -> Iterator[La
     for one, other in combinations(range(len(campaign.laws)), 2):
         both = np.isfinite(values[one]) & np.isfinite(values[other])
         if both.any():
-            lower = int(np.count_nonzero(values[one][both] < values[other][both]))
-            names = (campaign.laws[one].name, campaign.laws[other].name)
-            yield LawComparison(figure=figure, law=names[0], other=names[1], lower=proportion(lower, int(both.sum())))
+            differences = values[one][both] - values[other][both]
+            spread = float(np.std(differences, ddof=1)) if len(differences) > 1 else 0.0
+            difference = mean(differences)
+            yield LawComparison(
+                figure=figure,
+                law=campaign.laws[one].name,
+                other=campaign.laws[other].name,
+                lower=proportion(int(np.count_nonzero(differences < 0.0)), len(differences)),
+                difference=difference,
+                effect=difference.value / spread if spread > 0.0 else math.nan,
+            )

@@ -72,6 +72,10 @@ class Store:
         """Number of runs in the parts."""
         return sum(count for count, _ in self._parts.values())
 
+    def holds(self, first: int) -> bool:
+        """Return whether a part begins with a run."""
+        return first in self._parts
+
     def missing_chunks(self) -> list[Chunk]:
         """Return the runs that are in no part, in chunks of one law each."""
         gaps, at = [], 0

@@ -19,16 +19,14 @@ from firmware_model.config.requirement import Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import Campaign, parse_campaign
-from gustproof.law.form import Law
-from gustproof.scoring.metrics import Metrics, measure
-from gustproof.scoring.requirements import judge
+from gustproof.campaign.plan import Campaign, Contestant, flies_in_lanes, parse_campaign
+from gustproof.scoring.metrics import FIGURE_UNITS, Metrics, measure
+from gustproof.scoring.requirements import judge, requirement_unit
 from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
-from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.guest import ForeignAutopilot, GuestPlan, fly_guest
 from gustproof.simulate.kernels import LANES
-from gustproof.simulate.loopback import fly_loopback
-from gustproof.simulate.outcome import FlightOutcome
+from gustproof.simulate.outcome import ENTRY_FAILURES, FlightOutcome
+from gustproof.simulate.pilots import fly_pilot
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -66,24 +64,32 @@ def fly_chunk(metadata: str, chunk: Chunk) -> ChunkResult:
         If this process has other software versions than the campaign.
     """
     begin = time.perf_counter()
-    campaign = _load_campaign(metadata)
+    campaign = load_campaign(metadata)
     first, count = chunk.first % campaign.cases, chunk.runs
     delta, seeds = campaign.draw_deltas(first, count), campaign.flight_seeds(first, count)
     law = campaign.law_of(chunk.first)
-    fly, rows = _make_simulator(campaign.scenario, law), []
-    for at in range(0, count, LANES):  # one batch at a time: its states are freed before the next
-        results = _fly_cases(campaign, law, fly, delta[at : at + LANES], seeds[at : at + LANES])
+    fly, rows = _make_simulator(campaign, law), []
+    width = LANES if flies_in_lanes(law) else 1
+    for at in range(0, count, width):  # one batch at a time: its states are freed before the next
+        results = _fly_cases(campaign, law, fly, delta[at : at + width], seeds[at : at + width])
         rows += [_make_row(campaign.scenario, result) for result in results]
     return ChunkResult(_make_table(campaign, chunk, delta, seeds, rows), time.perf_counter() - begin)
 
 
 def check_worker(metadata: str) -> int:
     """Load the campaign in `metadata` (JSON) without flying and return its number of runs."""
-    return _load_campaign(metadata).runs
+    return load_campaign(metadata).runs
 
 
 @lru_cache(maxsize=1)
-def _load_campaign(metadata: str) -> Campaign:
+def load_campaign(metadata: str) -> Campaign:
+    """Return the campaign in `metadata` (JSON).
+
+    Raises
+    ------
+    ConfigError
+        If this process has other software versions than the campaign.
+    """
     document = json.loads(metadata)
     if document["versions"] != software_versions():
         raise ConfigError(
@@ -93,7 +99,7 @@ def _load_campaign(metadata: str) -> Campaign:
 
 
 def _fly_cases(
-    campaign: Campaign, law: Law | ForeignAutopilot, fly: Simulator, delta: Array, seeds: Sequence[int]
+    campaign: Campaign, law: Contestant, fly: Simulator, delta: Array, seeds: Sequence[int]
 ) -> list[CaseResult | str]:
     """Return the result of each case, or the reason why it has none."""
     cases: list[Case | str] = []
@@ -118,17 +124,20 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
         return _fly_bisecting(fly, cases[:half]) + _fly_bisecting(fly, cases[half:])
 
 
-def _make_simulator(scenario: Scenario, law: Law | ForeignAutopilot) -> Simulator:
+def _make_simulator(campaign: Campaign, law: Contestant) -> Simulator:
+    scenario, nominal = campaign.scenario, campaign.vehicles.nominal
     if isinstance(law, ForeignAutopilot):
         return lambda cases: [_fly_guest(scenario, law, case) for case in cases]
-    if not scenario.has_link_script:
+    if not scenario.has_link_script and flies_in_lanes(law):
         return make_batch_simulator(scenario, law)
 
     def fly(case: Case) -> CaseResult:
         script = case.apply_to(scenario)
-        records = fly_loopback(script, law, vehicle=case.vehicle, seed=case.seed)
-        metrics = measure(records, case.vehicle, script, 0.0)
-        return CaseResult(metrics=metrics, requirements=judge(records, script, case.vehicle))
+        flight = fly_pilot(script, law, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
+        if flight.outcome in ENTRY_FAILURES:
+            raise ValueError(flight.message)
+        metrics = measure(flight.records, case.vehicle, script, 0.0)
+        return CaseResult(metrics=metrics, requirements=judge(flight.records, script, case.vehicle))
 
     return lambda cases: [fly(case) for case in cases]
 
@@ -142,15 +151,16 @@ def _fly_guest(scenario: Scenario, autopilot: ForeignAutopilot, case: Case) -> C
     return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
 
 
-def _check_diverged(
-    campaign: Campaign, law: Law | ForeignAutopilot, case: Case, judged: CaseResult | str
-) -> CaseResult | str:
+def _check_diverged(campaign: Campaign, law: Contestant, case: Case, judged: CaseResult | str) -> CaseResult | str:
     """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged
     if campaign.scenario.has_link_script or isinstance(law, ForeignAutopilot):
         return "diverged"
-    records = fly_direct(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    flight = fly_pilot(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    if flight.outcome in ENTRY_FAILURES:
+        return flight.message
+    records = flight.records
     numbers = np.column_stack([records["q_NB"], records["omega_B"], records["torque_command_B"]])
     lost = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
     return f"diverged at {records['time_us'][lost[0]] * 1e-6:g} s" if len(lost) else "diverged"
@@ -170,13 +180,20 @@ def delta_column(spread: str) -> str:
 
 
 def schema(campaign: Campaign) -> Any:
-    """Return the table's columns as a `pyarrow.Schema`."""
-    numbers = [*map(delta_column, campaign.spreads), *FIGURES]
-    required = requirement_columns(campaign.scenario.require)
+    """Return the table's columns as a `pyarrow.Schema`; the metadata of a column of numbers hold its `unit`."""
+    script = campaign.scenario.require
     identity = [("run", pa.int64()), ("case", pa.int64()), ("law", pa.string()), ("seed", pa.int64())]
-    figures = [*((name, pa.float64()) for name in numbers), ("rho_in_bounds", pa.bool_())]
-    results = chain.from_iterable(((name, pa.float64()), (f"{name}_held", pa.bool_())) for name in required)
-    return pa.schema([*identity, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
+    deltas = [_number_field(delta_column(name), "-") for name in campaign.spreads]
+    figures = [*(_number_field(name, FIGURE_UNITS[name]) for name in FIGURES), ("rho_in_bounds", pa.bool_())]
+    results = chain.from_iterable(
+        (_number_field(name, requirement_unit(required)), (f"{name}_held", pa.bool_()))
+        for name, required in zip(requirement_columns(script), script, strict=True)
+    )
+    return pa.schema([*identity, *deltas, *figures, *results, ("held", pa.bool_()), ("failure", pa.string())])
+
+
+def _number_field(name: str, unit: str) -> Any:
+    return pa.field(name, pa.float64(), metadata={"unit": unit})
 
 
 def failed_rows(campaign: Campaign, chunk: Chunk, failure: str) -> Any:

@@ -6,6 +6,7 @@ from gustproof.cli.analyse import analyse
 from gustproof.cli.audit import audit
 from gustproof.cli.campaign import campaign
 from gustproof.cli.certify import certify
+from gustproof.cli.check_controller import check_controller
 from gustproof.cli.compare import compare
 from gustproof.cli.design import design
 from gustproof.cli.export import export
@@ -14,6 +15,7 @@ from gustproof.cli.fly import fly
 from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
 from gustproof.cli.judge import judge
+from gustproof.cli.league import league
 from gustproof.cli.processes import autopilot, controller
 from gustproof.cli.recover import recover
 from gustproof.cli.report import report
@@ -43,9 +45,11 @@ app.command()(tune)
 app.command()(identify_rates)
 app.add_typer(scenario, name="scenario")
 app.command()(fly)
+app.command()(check_controller)
 app.command()(recover)
 app.command()(campaign)
 app.command()(compare)
+app.command()(league)
 app.command()(certify)
 app.command()(worst_case)
 app.command()(report)

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
-    from gustproof.law.form import Law
+    from gustproof.entries.entry import Pilot
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
-_BAG_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "scenario", "law", "vehicle", "seed", "real_time", "run")
-_TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "free", "vehicle", "seed", "real_time")
+_TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
+_BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -46,6 +46,14 @@ def fly(
     law: Annotated[
         str | None,
         typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="Fly a controller of your own in place of a law: FILE.py:MAKER, LIBRARY.so, or 'exec: COMMAND' of a "
+            "program that speaks MAVLink.",
+            show_default=False,
+        ),
     ] = None,
     vehicle: VehicleName = "paper",
     seed: Annotated[int, SEED] = 1,
@@ -97,6 +105,18 @@ def fly(
 
         gustproof fly --run mc.parquet:4711
 
+    With --controller an object of Python flies, or a C library of the form that export --c writes, in a process of
+    its own; gustproof/guide/controllers.md tells how.
+
+        gustproof fly paper-turbulence --controller my_mpc.py:make
+
+        gustproof fly paper-turbulence --controller ./law.so
+
+    A program of yours finds the vehicle's address in GUSTPROOF_ADDRESS, and in place of
+    {address} in its words. It is ended with all that it started. `gustproof check-controller` tells what it does wrong.
+
+        gustproof fly paper-turbulence --controller "exec: node mine.mjs"
+
     With --autopilot a real PX4 flies: it is started, armed, flown and ended here. --law then names a law built into it.
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
@@ -112,12 +132,13 @@ def fly(
     elif repeat:
         plan = _load_plan(context, repeat)
     elif autopilot:
+        refuse_given(context, ("controller",), "--autopilot flies")
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
         plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
-        flown, airframe = _find_law(script, law, vehicle, anyway=anyway, quiet=as_json)
+        flown, airframe = _find_pilot(script, law, controller, vehicle, anyway=anyway, quiet=as_json)
         plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
@@ -161,11 +182,13 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
+    from gustproof.law.form import Law
     from gustproof.simulate.flight import FlightPlan, warnings
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
     if isinstance(plan, FlightPlan):
-        pilot, known = plan.law.name, warnings(plan.scenario, plan.law, plan.vehicle)
+        law = plan.pilot if isinstance(plan.pilot, Law) else None
+        pilot, known = plan.pilot.name, () if law is None else warnings(plan.scenario, law, plan.vehicle)
     else:
         pilot, known = plan.autopilot.name, ()
     for warning in () if quiet else known:
@@ -215,13 +238,22 @@ def _make_guest_plan(
     return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
-def _find_law(script: "Scenario", law: str | None, vehicle: str, *, anyway: bool, quiet: bool) -> "tuple[Law, Vehicle]":
-    """Return the law, by default one for the vehicle, and the vehicle; refuse a flight that should not begin."""
+def _find_pilot(
+    script: "Scenario", law: str | None, controller: str | None, vehicle: str, *, anyway: bool, quiet: bool
+) -> "tuple[Pilot, Vehicle]":
+    """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
+    from firmware_model.errors import ConfigError
+    from gustproof.entries.entry import parse_entry
     from gustproof.simulate.flight import check
 
+    if controller is not None and law is not None:
+        raise ConfigError("--controller flies in place of a law; 'law' cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
-    if law is None:
+    flown: Pilot
+    if controller is not None:
+        flown = parse_entry(controller)
+    elif law is None:
         flown = default_law(vehicles, script, quiet=quiet)
     else:
         flown = find_law(law, vehicles.nominal, script.control_rate_hz)
@@ -275,4 +307,5 @@ def _compare(
     if begin_s is None:
         return True, f"equal to {repeat} in every bit of its {len(records)} samples"
     line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-    return False, f"{line}, flown by {about['versions']}"
+    hint = "; a controller of one's own need not fly the same twice" if about.get("controller") else ""
+    return False, f"{line}, flown by {about['versions']}{hint}"

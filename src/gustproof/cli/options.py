@@ -6,11 +6,15 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from firmware_model.errors import ConfigError
+
+if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.vehicle import Vehicle
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
 Anyway = Annotated[
@@ -62,6 +66,21 @@ def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False
         raise ConfigError(f"{path.parent}: no such folder")
     if new and path.exists():
         raise ConfigError(f"{path}: exists already; nothing is overwritten")
+
+
+def save_flight(scenario: "Scenario", vehicle: "Vehicle", nominal: "Vehicle", output: Path) -> list[Path]:
+    """Write a found flight as a scenario, and its vehicle beside it unless that is the nominal one; return the files.
+
+    The vehicle's file is named after the scenario's, with `-vehicle` at the end.
+    """
+    from firmware_model.config.files import write_toml
+
+    write_toml(scenario, output)
+    if vehicle == nominal:
+        return [output]
+    beside = output.with_name(f"{output.stem}-vehicle.toml")
+    write_toml(vehicle, beside)
+    return [output, beside]
 
 
 def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Structure(Enum):
-    """Structure of a law, see `gustproof.synthesis.tune.LawKind`."""
+    """Structure of a law: a `synthesis.tune.LawKind`, or a baseline, `baselines.linear.tuned.BaselineKind`."""
 
     FLAGSHIP = "flagship"
     PID = "pid"
@@ -22,6 +22,13 @@ class Structure(Enum):
     AIDED = "aided"
     HINF = "hinf"
     HINF_RATES = "hinf-rates"
+    LQG = "lqg"
+    LOOP_SHAPING = "loop-shaping"
+    ADRC = "adrc"
+    L1 = "l1"
+    DOB = "dob"
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
 
 
 class TunedAutopilot(Enum):
@@ -59,6 +66,7 @@ def tune(
 
     Spreads of inertia and lag in the vehicle's file are kept, 20 % and 30 % without. The flagship also keeps the
     margins of a PID, as far as they cost no more than 15 % over the least error. The same vehicle has the same law.
+    Structures from lqg on are laws of the literature to compare with; px4 and ardupilot are these cascades as laws.
 
         gustproof tune my-quad.toml --slew 7 -o my-law.json --figure my-curve.png
 
@@ -90,12 +98,14 @@ def _tune_law(
     *,
     as_json: bool,
 ) -> None:
+    from gustproof.baselines.linear.tuned import BaselineKind, tune_baseline
     from gustproof.report.laws import render_tuning
     from gustproof.report.terminal import show
     from gustproof.synthesis.tune import least_errors, tune_law
 
+    search = tune_baseline if law.value in list(BaselineKind) else tune_law
     with progress("tuning", quiet=as_json) as shown:
-        tuning = tune_law(law.value, vehicles, script, slew=slew, sensitivity_peak=ms, progress=shown)
+        tuning = search(law.value, vehicles, script, slew=slew, sensitivity_peak=ms, progress=shown)
         if figure is not None:
             from gustproof.report.figures import save_tuning
 
@@ -127,8 +137,8 @@ def _tune_autopilot(
     from gustproof.synthesis.tune import wanted_slew
 
     price = wanted_slew(vehicles.nominal, script, slew, ms)
-    with progress(f"tuning {autopilot.value}", quiet=as_json):
-        tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms)
+    with progress(f"tuning {autopilot.value}", quiet=as_json) as shown:
+        tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms, progress=shown)
     if output is not None:
         save_tuning(tuning, vehicles.nominal, output)
     figures = {"Ms": tuning.Ms, "slew": tuning.slew, "rmse_deg": math.degrees(tuning.rmse)}

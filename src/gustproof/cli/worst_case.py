@@ -1,7 +1,9 @@
 """The command `gustproof worst-case`: the most harmful disturbance."""
 
 import math
+import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,14 +11,34 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law
-from gustproof.cli.options import AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
+from gustproof.cli.options import (
+    AsJson,
+    VehicleName,
+    check_output,
+    parse_positive_vector,
+    print_json,
+    progress,
+    save_flight,
+)
 
 if TYPE_CHECKING:
+    from firmware_model.config.vehicle import Vehicle
+    from gustproof.entries.entry import Pilot
+    from gustproof.falsify.shrink import SmallestCase
     from gustproof.falsify.worst_case import WorstCase
+
+_SHARE = 0.9  # [-] of the worst error, that a shrunk flight reaches by default
 
 
 def worst_case(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str | None, typer.Argument(help=LAW_HELP, show_default=False)] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="Your own controller in place of a law: MODULE.py:MAKER, LIBRARY.so or 'exec: COMMAND'.",
+            show_default=False,
+        ),
+    ] = None,
     budget: Annotated[
         str, typer.Option("--moment", help="Largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
@@ -33,6 +55,14 @@ def worst_case(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the worst flight as a scenario here (.toml).")
     ] = None,
+    shrink: Annotated[
+        bool,
+        typer.Option("--shrink", help=f"Shrink it to the least that still gives {_SHARE:g} of the error, or --limit."),
+    ] = False,
+    limit: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Shrink it to the least that still gives this error [deg].", show_default=False),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Search a moment budget for the disturbance with the largest attitude error in the nonlinear simulation.
@@ -44,19 +74,21 @@ def worst_case(
         gustproof worst-case hinf-d1 -o worst.toml && gustproof fly worst.toml --law hinf-d1
 
         gustproof worst-case hinf-scheduled --inertia-spread 0.2 --lag-spread 0.3 --json
+
+    Shrunk, it has fewer moments, axes, strength, digits and seconds, and is written beside the worst one:
+
+        gustproof worst-case --controller my_mpc.py:make --flights 200 --limit 10 -o worst.toml
     """
     from pydantic_core import to_jsonable_python
 
-    from firmware_model.config.files import write_toml
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.falsify.worst_case import worst_case as search
     from gustproof.model.uncertainty import Spreads
-    from gustproof.simulate.flight import warnings
 
     moment = parse_positive_vector("--moment", budget)
     check_output(output, ".toml", "a scenario file")
     airframe = load_vehicle(vehicle)
-    flown = find_law(law, airframe, None)
+    flown = _find_pilot(law, controller, airframe)
     title = f"searching, {flown.name}"
     try:
         with progress(title, quiet=as_json) as shown:
@@ -71,31 +103,99 @@ def worst_case(
                 spreads=spreads,
                 progress=lambda share: shown(share, title),
             )
+            smallest = _shrink(found, flown, airframe, moment, limit, shown) if shrink or limit is not None else None
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    known = warnings(found.scenario, flown, airframe)
-    files = [] if output is None else [output]
-    if output is not None:
-        write_toml(found.scenario, output)
-        if found.vehicle != airframe:
-            files.append(output.with_name(f"{output.stem}-vehicle.toml"))
-            write_toml(found.vehicle, files[1])
+    known = _find_warnings(found, flown, airframe)
+    written = _save(found, smallest, airframe, output)
     if as_json:
         document = {
             "law": flown.name,
             "moment_nm": moment,
             "warnings": known,
-            "files": files,
+            "files": [path for files in written for path in files],
             **to_jsonable_python(found),
+            "smallest": to_jsonable_python(smallest),
         }
         print_json(to_jsonable_python(document, inf_nan_mode="null"))
         return
     for line in known:
         print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
-    if files:
-        other = f" --vehicle {files[1] if files[1:] else vehicle}" if files[1:] or vehicle != "paper" else ""
-        print(f"fly it: gustproof fly {output} --law {law}{other} --seed {found.seed}")
+    _print_shrunk(smallest, limit)
+    option = f"--law {law}" if controller is None else f"--controller {shlex.quote(controller)}"
+    _print_how_to_fly(written, option, vehicle, found.seed)
+
+
+def _print_how_to_fly(written: list[list[Path]], option: str, vehicle: str, seed: int) -> None:
+    for script, *own in written:
+        airframe = str(own[0]) if own else vehicle
+        other = "" if airframe == "paper" else f" --vehicle {airframe}"
+        print(f"fly it: gustproof fly {script} {option}{other} --seed {seed}")
+
+
+def _find_warnings(found: "WorstCase", flown: "Pilot", airframe: "Vehicle") -> list[str]:
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import warnings
+
+    return list(warnings(found.scenario, flown, airframe)) if isinstance(flown, Law) else []
+
+
+def _save(
+    found: "WorstCase", smallest: "SmallestCase | None", airframe: "Vehicle", output: Path | None
+) -> list[list[Path]]:
+    """Write the worst flight, and the smallest beside it; return the files of each."""
+    if output is None:
+        return []
+    written = [save_flight(found.scenario, found.vehicle, airframe, output)]
+    if smallest is not None:
+        beside = output.with_name(f"{output.stem}-smallest.toml")
+        written.append(save_flight(smallest.scenario, smallest.vehicle, airframe, beside))
+    return written
+
+
+def _find_pilot(law: str | None, controller: str | None, airframe: "Vehicle") -> "Pilot":
+    from gustproof.entries.entry import parse_entry
+
+    if controller is not None and law is None:
+        return parse_entry(controller)
+    if law is not None and controller is None:
+        return find_law(law, airframe, None)
+    raise ConfigError("give a law, or --controller, and not both")
+
+
+def _shrink(
+    found: "WorstCase",
+    flown: "Pilot",
+    airframe: "Vehicle",
+    budget: tuple[float, float, float],
+    limit: float | None,
+    shown: Callable[[float, str], None],
+) -> "SmallestCase | None":
+    """Return the smallest flight that gives the error asked for; `None` if the worst one found gives less."""
+    from gustproof.falsify.shrink import shrink_case
+
+    target = (_SHARE * found.peak_deg if math.isfinite(found.peak_deg) else 90.0) if limit is None else limit
+    if not found.peak_deg >= target:
+        return None
+    title = f"shrinking, {flown.name}"
+    return shrink_case(
+        found, flown, vehicle=airframe, budget=budget, target_deg=target, progress=lambda share: shown(share, title)
+    )
+
+
+def _print_shrunk(smallest: "SmallestCase | None", limit: float | None) -> None:
+    if smallest is None:
+        if limit is not None:
+            print(f"not shrunk: the worst flight found does not reach {limit:g} deg")
+        return
+    L, M, N = (f"{100.0 * share:.0f} %" for share in smallest.strength)
+    peak = "diverges" if math.isinf(smallest.peak_deg) else f"{smallest.peak_deg:.2f} deg"
+    terms = f"{smallest.terms} of {smallest.terms_before} moments"
+    print(
+        f"smallest that gives {smallest.target_deg:.2f} deg: {peak} in {smallest.scenario.duration_s:g} s, {terms}, "
+        f"strength {L}, {M}, {N} about x, y, z; in {smallest.flights} more flights"
+    )
 
 
 def _print(law: str, found: "WorstCase", horizon: float) -> None:

@@ -1,19 +1,26 @@
-"""`python -m gustproof.controller`: fly a law file against an autopilot over MAVLink."""
+"""`python -m gustproof.controller`: fly a law file, or a controller of one's own, against an autopilot over MAVLink."""
 
 import argparse
 import json
+import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from tempfile import TemporaryFile
 
 from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import Parser, printable
+from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.process import realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from gustproof.controller import DEFAULT_LAW, connection
+from gustproof.controller.core import Flown
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
+from gustproof.entries.entry import parse_entry
+from gustproof.entries.stepper import CheckedStepper, make_stepper
 from gustproof.law.form import Law, Output, list_laws, load_law
 from gustproof.law.step import LawStepper
 
@@ -24,13 +31,16 @@ _EXIT = {
     ControllerOutcome.INTERRUPTED: 130,
 }
 _EXIT_BROKEN_OFF = 3
+_DEFAULT_DT = 0.004
+"""[s] sample time of an object of Python without scenario."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the controller until the flight has ended; return the exit status."""
     options = _parser().parse_args(arguments)
     try:
-        law = load_law(options.law)
+        with _prints_apart(options):
+            law = _make_entry(options) if options.controller else load_law(options.law)
         if options.via is not None and Output(options.via) is not law.output:
             raise ConfigError(f"law '{law.name}' commands {law.output.value}, it can't fly via {options.via}")
         return _fly(law, options)
@@ -39,12 +49,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _fly(law: Law, options: argparse.Namespace) -> int:
-    # Load or compile the machine code before the flight.
-    LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    realtime.freeze_gc(off=True)
+def _make_entry(options: argparse.Namespace) -> CheckedStepper:
+    """Make the controller of a user's file, at the rate of the scenario."""
+    script, vehicle = _read_scenario(options), read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
+    return make_stepper(parse_entry(options.controller), vehicle, _DEFAULT_DT if script is None else script.dt)
+
+
+@contextmanager
+def _prints_apart(options: argparse.Namespace) -> Iterator[None]:
+    """Write what a user's controller prints to a file that is removed, if a parent reads the output of this process.
+
+    Nobody reads a pipe in flight: a full one would stop the controller.
+    """
+    if not (options.controller and options.exit_on_stdin_eof):
+        yield
+        return
+    streams = sys.stdout, sys.stderr
+    kept = [os.dup(stream.fileno()) for stream in streams]
+    with TemporaryFile() as printed:
+        for stream in streams:
+            os.dup2(printed.fileno(), stream.fileno())
+        try:
+            yield
+        finally:
+            for stream, own in zip(streams, kept, strict=True):
+                stream.flush()
+                os.dup2(own, stream.fileno())
+                os.close(own)
+
+
+def _read_scenario(options: argparse.Namespace) -> Scenario | None:
     name = options.scenario
-    references = (read_json(Scenario, name) or load_scenario(name)).references if name else ()
+    return read_json(Scenario, name) or load_scenario(name) if name else None
+
+
+def _fly(law: Flown, options: argparse.Namespace) -> int:
+    if isinstance(law, Law):  # load or compile the machine code before the flight
+        LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    realtime.freeze_gc(off=True)
+    script = _read_scenario(options)
+    references = () if script is None else script.references
     target = connection.parse_target(options.connect)
     signing = connection.make_signing(options, target)
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
@@ -56,13 +100,14 @@ def _fly(law: Law, options: argparse.Namespace) -> int:
         exit_on_stdin_eof(endpoint.interrupt)
     if options.real_time:
         realtime.request_fifo_scheduling()
-    connection.serve(endpoint, target, options.bind_port, report)
+    with _prints_apart(options):
+        connection.serve(endpoint, target, options.bind_port, report)
     outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
     _print_summary(law, endpoint, outcome, as_json=options.json)
     return _EXIT.get(outcome, _EXIT_BROKEN_OFF)
 
 
-def _print_summary(law: Law, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
+def _print_summary(law: Flown, endpoint: ControllerEndpoint, outcome: ControllerOutcome, *, as_json: bool) -> None:
     if as_json:
         counters = {cause.value: count for cause, count in endpoint.channel.dropped.items()}
         summary = {"outcome": outcome.value, "message": endpoint.message, "counters": counters}
@@ -91,6 +136,12 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     names = ", ".join(list_laws())
     add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
+    add("--controller", help="fly a controller of your own instead: FILE.py:MAKER, PACKAGE.MODULE:MAKER or LIBRARY.so")
+    add(
+        "--vehicle",
+        default="paper",
+        help="vehicle that its maker gets, a file or the name of a shipped one [%(default)s]",
+    )
     add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
     connection.add_options(parser)
     add(

@@ -1,13 +1,19 @@
 """Samples in, commands out: a law steps once a sample; a repeated sample gets the same command again."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
+import numpy as np
+
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from gustproof.entries.stepper import CheckedStepper
 from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
+Flown = Law | CheckedStepper
+"""Law, or an entry that has been made."""
 References = Sequence[tuple[int, Vector]]
 _CORRECTION_RATE = 0.5  # [1/s]; ten times the leak of a law's estimate, a tenth of the loop's bandwidth
 _LARGEST_CORRECTION = 0.1  # [rad] difference that counts
@@ -15,8 +21,52 @@ _LONGEST_CORRECTION_S = 0.1
 _LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
 
 
+def sample_time(law: Flown) -> float:
+    """Return the sample time [s] of a law or an entry.
+
+    Raises
+    ------
+    ValueError
+        If the entry takes any, and none has been set.
+    """
+    if law.dt is None:
+        raise ValueError(f"controller '{law.name}' has no sample time")
+    return law.dt
+
+
+class EntryStepper:
+    """An entry in flight, for a `Controller`: `gustproof.law.step.LawStepper` tells what the methods do."""
+
+    def __init__(self, entry: CheckedStepper, dt: float, scale: Vector) -> None:
+        self._entry, self._dt, self._scale = entry, dt, scale
+        self._bound = 1.0 if entry.output is Output.TORQUE else math.inf
+        self._reference = np.zeros(3)
+        self.restart()
+
+    def restart(self, _attitude: Vector | None = None) -> None:
+        """Return to the initial state; the reference stays."""
+        self._entry.reset()
+
+    def correct(self, attitude: Vector, share: float, most: float) -> None:
+        """Do nothing: an entry keeps its attitude to itself."""
+
+    def set_reference(self, euler: Vector) -> None:
+        """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""
+        self._reference = np.array(euler)
+
+    def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
+        """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
+        command = self._entry.step(np.array(gyro_B), self._reference.copy(), np.array(force_B), self._dt)
+        bound = self._bound
+        x, y, z = (
+            float(np.float32(min(max(each / one, -bound), bound)))
+            for each, one in zip(command, self._scale, strict=True)
+        )
+        return x, y, z
+
+
 class Controller:
-    """A law in flight, from its initial state with all states 0.
+    """A law or an entry in flight, from its initial state with all states 0.
 
     A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
 
@@ -32,14 +82,15 @@ class Controller:
     level before the first. If the law is interpolating, they count from the last sample that reset it.
     """
 
-    def __init__(self, law: Law, scale: Vector, thrust: float, references: References = ()) -> None:
+    def __init__(self, law: Flown, scale: Vector, thrust: float, references: References = ()) -> None:
         self.thrust = thrust
-        self._law = LawStepper(law, scale)
+        self._law: LawStepper | EntryStepper
+        self._law = LawStepper(law, scale) if isinstance(law, Law) else EntryStepper(law, sample_time(law), scale)
         self.torque = law.output is Output.TORQUE
         self.interpolating = False
         self.last_sample_us = -1
         self.missed = 0
-        self._sample_us = round(law.dt * 1e6)
+        self._sample_us = round(sample_time(law) * 1e6)
         self.fractions: Vector = (0.0, 0.0, 0.0)
         self._references = deque(references)
         self._began_us = self._step_at_us = 0

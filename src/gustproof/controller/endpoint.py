@@ -39,7 +39,7 @@ from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Messag
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample, Vector
-from gustproof.controller.core import Controller, References
+from gustproof.controller.core import Controller, Flown, References, sample_time
 from gustproof.controller.families import (
     FAMILIES,
     THRUST_OPTION,
@@ -50,7 +50,8 @@ from gustproof.controller.families import (
 )
 from gustproof.controller.height import HeightLoop
 from gustproof.controller.stream import SampleStream
-from gustproof.law.form import Law, Output
+from gustproof.entries.stepper import StepError, StepFault
+from gustproof.law.form import Output
 
 HEARTBEAT_US = 1_000_000
 """[us] wall time between heartbeats."""
@@ -107,11 +108,15 @@ class ControllerOutcome(Enum):
     NOT_SUPPORTED = "not_supported"  # the autopilot is of an unsupported family
     AUTOPILOT_LOST = "autopilot_lost"  # the vehicle sends no more messages
     MODE_LOST = "mode_lost"  # the vehicle was landed out of OFFBOARD
+    RAISED = StepFault.RAISED.value
+    NOT_FINITE = StepFault.NOT_FINITE.value
+    HUNG = StepFault.HUNG.value
+    """Ends of an entry, see `gustproof.entries.stepper.StepFault`."""
     INTERRUPTED = "interrupted"  # Ctrl-C or a termination signal
 
 
 class ControllerEndpoint:
-    """One law for one vehicle; pass it datagrams and the time, send the datagrams it returns.
+    """One law or entry for one vehicle; pass it datagrams and the time, send the datagrams it returns.
 
     `report` is called with lines for people on its progress. Of a vehicle that a pilot flew, with `hold_height` the
     thrust beside rates holds the height, and with `correct_attitude` ATTITUDE corrects the law's estimate. `recorder`
@@ -121,7 +126,7 @@ class ControllerEndpoint:
 
     def __init__(
         self,
-        law: Law,
+        law: Flown,
         vehicle: Address,
         signing: Signing | None = None,
         references: References = (),
@@ -140,7 +145,8 @@ class ControllerEndpoint:
         self._signing = signing
         self._recorder = recorder
         self.vehicle = vehicle
-        self._law, self._references = law, references
+        self._law, self._dt, self._references = law, sample_time(law), references
+        self.failure: StepError | None = None
         self._packer = self.channel.packer
         self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
@@ -149,7 +155,7 @@ class ControllerEndpoint:
         self._piloted = self._time_runs = self._law_reset = self._missing_streams = False
         self._armed, self._mode = False, 0
         self._family: Family = FAMILIES[wire.MAV_AUTOPILOT_PX4]
-        self._stream = SampleStream(law.name, law.dt, self._family.samples)
+        self._stream = SampleStream(law.name, self._dt, self._family.samples)
         self._parameters: dict[str, float | None] = {}
         self._fail_safe: dict[str, float] = {}
         self._hold_height = hold_height and law.output is Output.RATES
@@ -192,7 +198,14 @@ class ControllerEndpoint:
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
-        """Process a datagram; never raises: unusable input is counted by its cause."""
+        """Process a datagram; never raises: unusable input is counted by its cause, and an entry that fails ends it."""
+        try:
+            self._receive(datagram, peer, now_us)
+        except StepError as failure:
+            self.failure = failure
+            self._end(ControllerOutcome(failure.fault.value), str(failure))
+
+    def _receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
         if self._fast_path_ready and self._answer_fast(datagram, peer, now_us):
             return
         self._fast_path_ready = False
@@ -330,9 +343,6 @@ class ControllerEndpoint:
 
     def _packed(self, controller: Controller, time_us: int, fractions: Vector) -> bytes:
         """Return the command for a sample as a datagram."""
-        if self._signing is not None:
-            command = controller.command(time_us, fractions)
-            return self.channel.pack(messages.command_message(command, self._packer.srcSystem))
         if controller.torque:
             return self.channel.make(self._commands, time_us, *fractions, math.nan)
         return self.channel.make(self._commands, messages.boot_ms(time_us), *fractions, controller.thrust)
@@ -359,9 +369,9 @@ class ControllerEndpoint:
         """
         self._piloted, controller.interpolating = time_us > 0, self._time_runs
         rate_hz = self._parameters.get(RATE_NAME)
-        if not self._time_runs and rate_hz is not None and rate_hz * self._law.dt != 1.0:
-            text = f"law '{self._law.name}' steps every {self._law.dt} s, the vehicle samples at {rate_hz:g} Hz"
-            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {1.0 / self._law.dt:g}")
+        if not self._time_runs and rate_hz is not None and rate_hz * self._dt != 1.0:
+            text = f"law '{self._law.name}' steps every {self._dt} s, the vehicle samples at {rate_hz:g} Hz"
+            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {1.0 / self._dt:g}")
             return
         if self._time_runs:
             self._request_navigation(self._navigation)
@@ -467,10 +477,10 @@ class ControllerEndpoint:
             self._end(ControllerOutcome.NOT_SUPPORTED, text)
             return
         self._family = family
-        self._stream = SampleStream(self._law.name, self._law.dt, family.samples)
+        self._stream = SampleStream(self._law.name, self._dt, family.samples)
         self._parameters = dict.fromkeys((*(TORQUE_LIMIT_NAMES if torque else ()), *family.parameters))
         self._packer.srcSystem = system  # an on-board controller shares the vehicle's system id
-        reads = f"reading {', '.join(self._parameters)}, requesting HIGHRES_IMU at {1.0 / self._law.dt:g} Hz"
+        reads = f"reading {', '.join(self._parameters)}, requesting HIGHRES_IMU at {1.0 / self._dt:g} Hz"
         self._report(f"found {family.name}, system {system}: {reads}")
         self._enter(_READING)
 
@@ -602,7 +612,7 @@ class ControllerEndpoint:
             self.outcome, self.message = outcome, message
 
 
-def _navigation(law: Law) -> Mapping[int, int]:
+def _navigation(law: Flown) -> Mapping[int, int]:
     """Return the messages that a law needs of a vehicle whose time runs, with their intervals [us]."""
     if law.output is Output.RATES:
         return _NAVIGATION

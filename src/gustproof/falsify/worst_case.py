@@ -18,6 +18,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden, Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.types import Vector
+from gustproof.entries.entry import Pilot
 from gustproof.falsify.starts import (
     AMPLITUDES,
     INERTIA,
@@ -34,7 +35,7 @@ from gustproof.falsify.starts import (
 from gustproof.law.form import Law
 from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import attitude, measure
-from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.pilots import PilotFlight, fly_pilot
 
 Array = NDArray[np.float64]
 Records = NDArray[np.void]
@@ -42,6 +43,8 @@ Progress = Callable[[float], None]
 
 PAPER_BUDGET: Vector = (0.65, 0.65, 0.3)
 """[N*m] B, disturbance moments of the paper, from its W_d."""
+ENTRY_RATE_HZ = 250
+"""[Hz] at which an entry is flown; a law has its own rate."""
 _RANDOM_SHARE = 0.35  # of all flights
 _MAX_SWITCHES = 30  # square waves cover loops that ring for longer
 _LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
@@ -86,7 +89,7 @@ class _Candidate(NamedTuple):
 
 
 def worst_case(
-    law: Law,
+    law: Pilot,
     *,
     vehicle: Vehicle,
     budget: Vector = PAPER_BUDGET,
@@ -97,17 +100,20 @@ def worst_case(
     seed: int = 1,
     progress: Progress | None = None,
 ) -> WorstCase:
-    """Return the worst flight of `law` that a search of about `flights` finds.
+    """Return the worst flight of a law or an entry that a search of about `flights` finds.
 
     Disturbances are direct moments with |moment| <= `budget` [N*m] B about each axis at all times: sines and square
     waves at multiples of a common rate, held moments, turbulence. Gyro noise is off, so that the moment alone causes
     the error. The same arguments give the same result to the bit. `progress` receives the fraction searched, 0..1.
+    An entry flies at `ENTRY_RATE_HZ`; a flight that it does not fly to the end counts as one that diverges.
 
     Raises
     ------
+    ConfigError
+        If an entry can't be made.
     ValueError
-        If a budget is not positive, there are fewer than 100 flights, or the law already diverges in turbulence or
-        under a moment held about one axis.
+        If a budget is not positive, or there are fewer than 100 flights. Also if, before the search, the law diverges
+        or an entry breaks off in turbulence or under a moment held about one axis.
 
     Examples
     --------
@@ -124,12 +130,21 @@ def worst_case(
     return _Search(law, vehicle, budget, spreads or Spreads(), duration_s, delay_samples, flights, seed, shown).run()
 
 
+def peaks_deg(records: Records, scenario: Scenario, vehicle: Vehicle) -> Vector:
+    """Return the largest magnitudes [deg] of phi, theta, psi; infinite after a flight that diverged or broke off."""
+    if len(records) < scenario.samples:
+        return (math.inf, math.inf, math.inf)
+    flown = measure(records, vehicle, scenario, realtime_factor=0.0)
+    phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
+    return float(phi), float(theta), float(psi)
+
+
 class _Search:
     """One search: its settings and the count of its flights."""
 
     def __init__(
         self,
-        law: Law,
+        law: Pilot,
         vehicle: Vehicle,
         budget: Vector,
         spreads: Spreads,
@@ -139,7 +154,7 @@ class _Search:
         seed: int,
         progress: Progress,
     ) -> None:
-        rate = round(1.0 / law.dt)
+        rate = round(1.0 / law.dt) if isinstance(law, Law) else ENTRY_RATE_HZ
         self._base_scenario = Scenario(
             name=f"worst-{law.name}",
             description="still air",
@@ -196,10 +211,10 @@ class _Search:
             flights=self._n_flights,
         )
 
-    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Records:
+    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> PilotFlight:
         self._n_flights += 1
         self._progress(min(self._n_flights / self._flights, 1.0))
-        return fly_direct(scenario, self._law, vehicle=vehicle, seed=self._seed)
+        return fly_pilot(scenario, self._law, vehicle=vehicle, seed=self._seed, nominal=self._vehicle)
 
     def _fly_finite(self, scenario: Scenario, vehicle: Vehicle) -> Records:
         """Return the records of a flight that the search starts from.
@@ -207,9 +222,12 @@ class _Search:
         Raises
         ------
         ValueError
-            If the flight diverges.
+            If the flight diverges or breaks off.
         """
-        records = self._fly(scenario, vehicle)
+        flight = self._fly(scenario, vehicle)
+        records = flight.records
+        if len(records) < scenario.samples:
+            raise ValueError(f"controller '{self._law.name}' breaks off before the search: {flight.message}")
         if not (np.isfinite(records["q_NB"]).all() and np.isfinite(records["omega_B"]).all()):
             lag, inertia = vehicle.actuator_lag, ", ".join(f"{value:g}" for value in vehicle.inertia_B)
             raise ValueError(
@@ -226,9 +244,7 @@ class _Search:
         return max(self._peaks_deg(self._scenario(point), vehicle))
 
     def _peaks_deg(self, scenario: Scenario, vehicle: Vehicle) -> Vector:
-        flown = measure(self._fly(scenario, vehicle), vehicle, scenario, realtime_factor=0.0)
-        phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
-        return float(phi), float(theta), float(psi)
+        return peaks_deg(self._fly(scenario, vehicle).records, scenario, vehicle)
 
     def _evaluate(self, point: Point) -> _Candidate:
         peak_deg = self._objective(point)

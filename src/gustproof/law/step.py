@@ -74,6 +74,13 @@ def sparse_law(law: Law) -> SparseLaw:
     return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, rates, law.attitude_limits)
 
 
+def no_law() -> SparseLaw:
+    """Return the terms of no law, of the types of a law's."""
+    unused = np.full(3, np.inf)
+    unused.flags.writeable = False
+    return SparseLaw(np.zeros(3, dtype=np.int64), np.zeros((1, 2)), False, False, unused, unused.copy(), unused)
+
+
 @kernel
 def tilt(force: Any, attitude: Any) -> tuple[float, float]:
     """Return roll and pitch [rad] of a body at rest with this specific force (3,) [m/s^2] B, 0 without force.

@@ -1,14 +1,14 @@
 """Margins of a feedback loop: one channel at a time, and all channels of the plant's input or output at once."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.optimize
 
 from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
+from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series
 
 _POINTS = 2000
 """Number of frequencies, evenly spaced in the logarithm, between which crossings are bracketed and then refined."""
@@ -30,6 +30,18 @@ class LoopMargins:
     """[s] least destabilising additional delay."""
     Ms: float
     """[-] H-infinity norm of the sensitivity."""
+
+
+def worst_loop(loops: Sequence[LoopMargins]) -> LoopMargins:
+    """Return the worst of each margin of some loops, and their highest crossover."""
+    return LoopMargins(
+        crossover=max(loop.crossover for loop in loops),
+        phase_margin=min(loop.phase_margin for loop in loops),
+        gain_margin=min(loop.gain_margin for loop in loops),
+        gain_reduction_margin=max(loop.gain_reduction_margin for loop in loops),
+        delay_margin=min(loop.delay_margin for loop in loops),
+        Ms=max(loop.Ms for loop in loops),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,24 +76,49 @@ def margins(G: LinearSystem, K: LinearSystem) -> Margins:
     """
     plant, controller = as_lti(G), as_lti(K)
     at_input, at_output = -series(plant, controller), -series(controller, plant)
-    if not sensitivity(at_input).is_stable():
-        raise ValueError("the loop is unstable: it has no margins")
     return Margins(
-        input=tuple(loop_margins(_channel(at_input, k)) for k in range(plant.n_inputs)),
+        input=input_margins(plant, controller),
         output=tuple(loop_margins(_channel(at_output, k)) for k in range(plant.n_outputs)),
         input_disk=disk_margin(at_input),
         output_disk=disk_margin(at_output),
     )
 
 
+def input_margins(G: LinearSystem, K: LinearSystem) -> tuple[LoopMargins, ...]:
+    """Return the margins of each input of the plant `G` alone, as `margins` does and with what it raises."""
+    at_input = -series(as_lti(G), as_lti(K))
+    if not sensitivity(at_input).is_stable():
+        raise ValueError("the loop is unstable: it has no margins")
+    return tuple(loop_margins(_channel(at_input, k)) for k in range(at_input.n_inputs))
+
+
 def loop_margins(L: Lti) -> LoopMargins:
     """Return the margins of the stable negative-feedback loop with the scalar loop transfer `L`."""
     grid = _grid(L)
     values = L.response(grid)[:, 0, 0]
-    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(_evaluate(L, w))))
-    real_axis = _roots(grid, values.imag, lambda w: _evaluate(L, w).imag)
-    leads = [math.remainder(float(np.angle(-_evaluate(L, w))), 2.0 * math.pi) for w in unit_gain]
-    factors = [-1.0 / _evaluate(L, w).real for w in real_axis if _evaluate(L, w).real < 0.0]
+    return response_margins(grid, values, lambda w: complex(L.response(w)[0, 0, 0]), hinf_norm(sensitivity(L)).gain)
+
+
+def response_margins(
+    grid: Matrix, values: ComplexMatrix, response: Callable[[float], complex], peak: float
+) -> LoopMargins:
+    """Return the margins of a stable negative-feedback loop from its response, over the frequencies of `grid`.
+
+    Parameters
+    ----------
+    grid
+        (n,) [rad/s] frequencies, rising, between which crossings are bracketed.
+    values
+        (n,) loop transfer there.
+    response
+        Loop transfer at any frequency [rad/s] within the grid.
+    peak
+        [-] largest sensitivity.
+    """
+    unit_gain = _roots(grid, np.log(np.maximum(np.abs(values), 1e-300)), lambda w: math.log(abs(response(w))))
+    real_axis = _roots(grid, values.imag, lambda w: response(w).imag)
+    leads = [math.remainder(float(np.angle(-response(w))), 2.0 * math.pi) for w in unit_gain]
+    factors = [-1.0 / response(w).real for w in real_axis if response(w).real < 0.0]
     delays = [(lead % (2.0 * math.pi)) / w for lead, w in zip(leads, unit_gain, strict=True)]
     return LoopMargins(
         crossover=max(unit_gain, default=0.0),
@@ -89,7 +126,7 @@ def loop_margins(L: Lti) -> LoopMargins:
         gain_margin=min((factor for factor in factors if factor > 1.0), default=math.inf),
         gain_reduction_margin=max((factor for factor in factors if factor < 1.0), default=0.0),
         delay_margin=min(delays, default=math.inf),
-        Ms=hinf_norm(sensitivity(L)).gain,
+        Ms=peak,
     )
 
 
@@ -137,7 +174,7 @@ def _channel(L: Lti, k: int) -> Lti:
     """Return the scalar loop of channel `k` with the other channels of the negative-feedback loop `L` closed."""
     order = [k, *(j for j in range(L.n_inputs) if j != k)]
     swapped = L.subsystem(order, order)
-    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)) if L.n_inputs > 1 else swapped
+    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)).connected() if L.n_inputs > 1 else swapped
 
 
 def _grid(L: Lti) -> Matrix:
@@ -146,10 +183,6 @@ def _grid(L: Lti) -> Matrix:
         return np.geomspace(1e-6 / L.dt, math.pi / L.dt, _POINTS)
     poles = poles[poles > 0.0]
     return np.geomspace(0.01 * np.min(poles, initial=1.0), 100.0 * np.max(poles, initial=1.0), _POINTS)
-
-
-def _evaluate(L: Lti, omega: float) -> complex:
-    return complex(L.response(omega)[0, 0, 0])
 
 
 def _roots(grid: Matrix, values: Matrix, function: Callable[[float], float]) -> list[float]:

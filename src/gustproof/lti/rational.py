@@ -10,6 +10,7 @@ from fractions import Fraction
 
 RationalMatrix = list[list[Fraction]]
 """A matrix by rows."""
+_ZERO = Fraction(0)
 
 
 def to_rational(rows: Iterable[Iterable[float | Fraction]]) -> RationalMatrix:
@@ -47,8 +48,13 @@ def transpose(A: RationalMatrix) -> RationalMatrix:
 
 
 def add(*terms: RationalMatrix) -> RationalMatrix:
-    """Return the sum of matrices of one shape."""
-    return [[sum(values, Fraction(0)) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+    """Return the sum of matrices of one shape, skipping terms that are 0."""
+    return [[_sum(values) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+
+
+def _sum(values: Iterable[Fraction]) -> Fraction:
+    first, *others = [value for value in values if value] or [_ZERO]
+    return sum(others, first)
 
 
 def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
@@ -59,13 +65,13 @@ def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
 def multiply(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
     """Return the product `A B`, in integers over one denominator each, skipping terms that are 0."""
     (left, p), (right, q) = _integers(A), _integers(B)
-    product = []
+    filled, product = [any(row) for row in right], []
     for row in left:
         total = [0] * len(right[0]) if right else []
-        for value, other in zip(row, right, strict=True):
-            if value:
+        for value, other, counts in zip(row, right, filled, strict=True):
+            if value and counts:
                 total = [x + value * y for x, y in zip(total, other, strict=True)]
-        product.append([Fraction(x, p * q) for x in total])
+        product.append([Fraction(x, p * q) if x else _ZERO for x in total])
     return product
 
 
@@ -142,11 +148,11 @@ def exp_lower_bound(x: Fraction) -> Fraction:
 
 
 def _alternating_sum(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:
-    """Return the sum of `x^k / k!` with alternating signs, k = `power`, `power` + 2, ... `last`."""
+    """Return the sum of `x^k / k!` with alternating signs, k = `power`, `power` + 2, ... `last`, by Horner's rule."""
     if not 0 <= x <= 1:
         raise ValueError(f"argument is {float(x)}, must be in [0, 1]")
-    total = term = first
-    for k in range(power + 2, last + 1, 2):
-        term *= -x * x / (k * (k - 1))
-        total += term
-    return total
+    total = multiple = 1  # integers, of the rest of the series over its first term
+    for k in range(last, power, -2):
+        multiple *= k * (k - 1) * x.denominator**2
+        total = multiple - x.numerator**2 * total
+    return first * Fraction(total, multiple)

@@ -120,6 +120,15 @@ class Lti:
         """Return the system from the selected inputs to the selected outputs, in that order, with all its states."""
         return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs][:, inputs], dt=self.dt)
 
+    def connected(self) -> "Lti":
+        """Return the system without the states that no input reaches, or that no output sees, by their zeros alone."""
+        links = self.A != 0.0
+        reached, seen = np.any(self.B != 0.0, axis=1), np.any(self.C != 0.0, axis=0)
+        for _ in range(self.order):
+            reached, seen = reached | links @ reached, seen | seen @ links
+        at = np.flatnonzero(reached & seen)
+        return Lti(A=self.A[np.ix_(at, at)], B=self.B[at], C=self.C[:, at], D=self.D, dt=self.dt)
+
     def __neg__(self) -> "Lti":
         return Lti(A=self.A, B=self.B, C=-self.C, D=-self.D, dt=self.dt)
 

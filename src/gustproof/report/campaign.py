@@ -11,6 +11,7 @@ from rich.text import Text
 
 from gustproof.campaign.intervals import CONFIDENCE, IntervalEstimate
 from gustproof.campaign.plan import Campaign
+from gustproof.campaign.rare import ENSEMBLES, RareEstimate
 from gustproof.campaign.statistics import CampaignStatistics, LawStatistics, WorstRun
 from gustproof.report.terminal import FIGURES, Renderable
 from gustproof.scoring.requirements import requirement_label, requirement_limits
@@ -27,7 +28,7 @@ IMPORTANCE_FIGURE = "rmse_deg"
 
 def render_campaign(found: CampaignStatistics) -> Renderable:
     """Return figures with confidence, pass rates, importances, comparisons, and how to fly a run again."""
-    caption = f"Right of each value: its {100.0 * CONFIDENCE:g} % confidence interval"
+    caption = f"Below each value: its {100.0 * CONFIDENCE:g} % confidence interval"
     columns = {"law, figure": _FIRST, "median": _WIDE, "95th percentile": _WIDE, "worst": _NARROW, "run": _NARROW}
     parts: list[Renderable] = [_law_table(found, describe_campaign(found.campaign), columns, _figure_rows, caption)]
     if found.campaign.scenario.require:
@@ -47,6 +48,26 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
     run = worst[0].run if worst else 0
     hint = f"all runs are in {found.table}; fly one again over UDP: gustproof fly --run {found.table}:{run}"
     return Group(*parts, Text("\n".join([*format_comparisons(found), *_format_failures(found), *warned, hint])))
+
+
+def render_rare(found: RareEstimate, campaign: Campaign) -> Renderable:
+    """Return the probability of a rare event, its price, and the worst flight."""
+    p, low, high = found.probability
+    interval = f"{100.0 * CONFIDENCE:g} %: {low:.2g} .. {high:.2g}"
+    lines = [
+        describe_campaign(campaign),
+        f"{found.event.text} in one flight with probability {p:.3g} ({interval}), sampled, not proved",
+        f"{found.flights:,} flights in {len(found.levels)} levels and {ENSEMBLES} independent ensembles",
+    ]
+    if math.isfinite(found.plain_flights):
+        lines.append(f"plain flights for an interval as wide: {found.plain_flights:.2g}")
+    if not found.hits:
+        lines.append("no flight was above the limit")
+    else:
+        worst, unit = found.hits[0], FIGURES[found.event.figure][1]
+        turned = f"seed {worst.seed}, turned {len(worst.turns)} times"
+        lines.append(f"worst flight found: {format_value(worst.value)} {unit} ({turned})")
+    return Text("\n".join(lines))
 
 
 def describe_campaign(campaign: Campaign) -> str:
@@ -74,10 +95,15 @@ def format_value(value: float) -> str:
 
 
 def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
-    """Yield a line for each pair of laws and figure: the share of cases in which one law is lower."""
+    """Yield a line for each pair of laws and figure: the share of cases in which one is lower, and by how much."""
     for duel in found.duels:
-        label, (value, interval) = FIGURES[duel.figure][0], format_share(duel.lower)
-        yield f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases"
+        (label, unit), (value, interval) = FIGURES[duel.figure], format_share(duel.lower)
+        mean, within = format_estimate(duel.difference)
+        effect = f", effect size {format_value(duel.effect)}" if math.isfinite(duel.effect) else ""
+        yield (
+            f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases; "
+            f"mean difference {mean} ({within}) {unit}{effect}"
+        )
 
 
 def _law_table(
@@ -103,7 +129,7 @@ def _figure_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
     for name in TERMINAL_FIGURES:
         (label, unit), figure = FIGURES[name], law.figures[name]
         quantiles = (format_estimate(figure.quantiles[each]) for each in ("median", "p95"))
-        yield f"{label} [{unit}]", *map(_one_cell, quantiles), *_worst_cells(figure.worst)
+        yield f"{label} [{unit}]", *map(_two_lines, quantiles), *_worst_cells(figure.worst)
 
 
 def _requirement_rows(law: LawStatistics) -> Iterator[tuple[str, ...]]:
@@ -127,6 +153,12 @@ def _one_cell(estimate: tuple[str, str]) -> str:
     """Return a figure and its interval, without spaces in the interval, so that it stays on one line."""
     value, interval = estimate
     return f"{value} {interval.replace(' .. ', '..')}"
+
+
+def _two_lines(estimate: tuple[str, str]) -> str:
+    """Return a figure above its interval: side by side they would break now and then on 80 columns."""
+    value, interval = estimate
+    return f"{value}\n{interval.replace(' .. ', '..')}"
 
 
 def format_importance(importance: Sequence[float] | None) -> str:

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_model.config.validation import printable
-from gustproof.scoring.metrics import Metrics
+from gustproof.scoring.metrics import FIGURE_UNITS, Metrics
 from gustproof.scoring.own_view import OwnView
 from gustproof.scoring.requirements import (
     RequirementResult,
@@ -24,23 +24,26 @@ from gustproof.scoring.requirements import (
 Renderable = RenderableType
 _WIDTH = 118
 _PLAIN: dict[str, Any] = {"highlight": False, "markup": False}  # units stand in brackets
-FIGURES = {
-    "peak_deg": ("peak", "deg"),
-    "peak_settled_deg": ("peak after 2 s", "deg"),
-    "rmse_deg": ("RMSE", "deg"),
-    "peak_roll_deg": ("peak, roll", "deg"),
-    "peak_pitch_deg": ("peak, pitch", "deg"),
-    "peak_yaw_deg": ("peak, yaw", "deg"),
-    "rmse_roll_deg": ("RMSE, roll", "deg"),
-    "rmse_pitch_deg": ("RMSE, pitch", "deg"),
-    "rmse_yaw_deg": ("RMSE, yaw", "deg"),
-    "torque_rms_nm": ("torque rms", "N m"),
-    "torque_peak_nm": ("torque peak", "N m"),
-    "torque_slew_rms": ("torque slew rms", "N m/s"),
-    "saturated_s": ("at a torque limit", "s"),
-    "rho_in_bounds": ("within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s)", ""),
-    "realtime_factor": ("speed", "x real time"),
+_LABELS = {
+    "peak_deg": "peak",
+    "peak_settled_deg": "peak after 2 s",
+    "rmse_deg": "RMSE",
+    "peak_roll_deg": "peak, roll",
+    "peak_pitch_deg": "peak, pitch",
+    "peak_yaw_deg": "peak, yaw",
+    "rmse_roll_deg": "RMSE, roll",
+    "rmse_pitch_deg": "RMSE, pitch",
+    "rmse_yaw_deg": "RMSE, yaw",
+    "torque_rms_nm": "torque rms",
+    "torque_peak_nm": "torque peak",
+    "torque_slew_rms": "torque slew rms",
+    "saturated_s": "at a torque limit",
+    "rho_in_bounds": "within the envelope (|p|,|q|,|r| ≤ 1.5 rad/s)",
+    "realtime_factor": "speed",
 }
+_SPEED = {"realtime_factor": "x real time"}  # no unit of a figure that repeats
+FIGURES = {name: (label, _SPEED.get(name, FIGURE_UNITS[name])) for name, label in _LABELS.items()}
+"""Label and unit of each figure."""
 
 _TIMING_TEXT = (
     "timing: missed deadlines {missed}, repeated set-points {held}; lateness median {late_p50_us} us, "

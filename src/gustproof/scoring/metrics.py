@@ -69,6 +69,14 @@ class Metrics:
     """[-] simulated time over wall time; the only figure that does not repeat."""
 
 
+_UNIT_ENDINGS = {"_deg": "deg", "_nm": "N m", "_slew_rms": "N m/s", "_s": "s"}
+FIGURE_UNITS = {
+    field.name: next((unit for ending, unit in _UNIT_ENDINGS.items() if field.name.endswith(ending)), "")
+    for field in fields(Metrics)
+}
+"""Unit of each figure of `Metrics`; empty without one."""
+
+
 class Tally(NamedTuple):
     """Running figures of a flight: the values at a sample, then sums and extremes so far."""
 

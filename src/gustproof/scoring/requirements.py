@@ -98,6 +98,11 @@ def requirement_label(requirement: Requirement) -> str:
     return f"{label}{axis}{band} [{unit}]"
 
 
+def requirement_unit(requirement: Requirement) -> str:
+    """Return the unit of a requirement's measurement."""
+    return _LABELS[requirement.metric][1]
+
+
 def requirement_window(requirement: Requirement) -> str:
     """Return the window [s] of a requirement as text."""
     return f"{requirement.from_s:g} .. {'end' if requirement.to_s is None else f'{requirement.to_s:g}'}"

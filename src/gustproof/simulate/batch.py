@@ -10,15 +10,17 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.fields import NonNegative
-from firmware_model.config.scenario import Angle, Scenario
+from firmware_model.config.scenario import Angle, NoiseTurn, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state
+from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
+from gustproof.entries.entry import Entry
+from gustproof.entries.library import Library, load_library
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import sparse_law
+from gustproof.law.step import SparseLaw, no_law, sparse_law
 from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
 from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
 from gustproof.simulate.direct import check_compatible
@@ -45,17 +47,25 @@ class Case:
     """[-] factor on the scenario's gusts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
     """[deg] initial roll, pitch, yaw; the scenario's by default."""
+    turns: tuple[NoiseTurn, ...] = ()
+    """Turns of gusts and noise, after those of the scenario."""
 
     def apply_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this variation."""
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
-        return replace(scenario, gust_scale=self.gust_scale * scenario.gust_scale, initial_attitude_deg=begins)
+        scale, turns = self.gust_scale * scenario.gust_scale, (*scenario.turn, *self.turns)
+        return replace(scenario, gust_scale=scale, initial_attitude_deg=begins, turn=turns)
 
-    def make_initial(self, scenario: Scenario) -> VehicleInitial:
+    def make_mix(self, scenario: Scenario, width: int) -> Array:
+        """Return the seeds and factors (width, 3) of `mixed_normals`; rows past those needed change no noise."""
+        mix = noise_mix(self.seed, (*scenario.turn, *self.turns))
+        return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (width - len(mix), 1))])
+
+    def make_initial(self, scenario: Scenario, mix: Array) -> VehicleInitial:
         """Return the vehicle's initial state in the varied scenario, without the cost of making that."""
         scale = self.gust_scale * scenario.gust_scale
         return initial_vehicle_state(
-            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg
+            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg, mix=mix
         )
 
 
@@ -69,8 +79,10 @@ class CaseResult:
     """Result of each requirement of the scenario."""
 
 
-def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseResult]:
+def fly_many(scenario: Scenario, law: Law | Entry, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
+
+    An entry must be a C library in double precision; others fly one by one, see `fly_pilot`.
 
     Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
     `fly_direct` raises.
@@ -87,11 +99,13 @@ def fly_many(scenario: Scenario, law: Law, cases: Sequence[Case]) -> list[CaseRe
     return make_batch_simulator(scenario, law)(cases)
 
 
-def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Case]], list[CaseResult]]:
+def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
+    law, terms, step, steps_lanes = _find_step(pilot)
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
-        order = sorted(range(len(cases)), key=lambda i: cases[i].vehicle.rotors.count)  # a batch has one count
+        # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
+        order = sorted(range(len(cases)), key=lambda i: (cases[i].vehicle.rotors.count, len(cases[i].turns)))
         results: dict[int, CaseResult] = {}
         for _, group in groupby(order, key=lambda i: cases[i].vehicle.rotors.count):
             numbers = list(group)
@@ -103,24 +117,38 @@ def make_batch_simulator(scenario: Scenario, law: Law) -> Callable[[Sequence[Cas
     torque = law.output is Output.TORQUE
     shared = BatchSetup(
         sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
-        reference=references(scenario), rules=rules(scenario), law=sparse_law(law),
+        reference=references(scenario), rules=rules(scenario), law=terms, step=step, steps_lanes=steps_lanes,
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return fly
 
 
-def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
+def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int, bool]:
+    """Return a law and its terms, or the library of an entry; address of its step, true if that is of all lanes."""
+    if isinstance(pilot, Law):
+        return pilot, sparse_law(pilot), 0, False
+    library = load_library(pilot)
+    if library.is_single:
+        raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
+    wide = library.lanes == LANES
+    return library, no_law(), library.step_lanes if wide else library.step, wide
+
+
+def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
-    params, states, changes = zip(*(case.make_initial(scenario) for case in filled), strict=True)
+    mixes = _make_mixes(scenario, filled)
+    initial = (case.make_initial(scenario, mix) for case, mix in zip(filled, mixes, strict=True))
+    params, states, changes = zip(*initial, strict=True)
+    mix = np.stack(mixes, axis=2)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
         params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
-        seeds=np.array([case.seed for case in filled]),
+        seeds=mix[:, 0].astype(np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
-        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)
@@ -132,6 +160,12 @@ def _fly_batch(scenario: Scenario, law: Law, shared: BatchSetup, cases: Sequence
         )
         for w in range(len(cases))
     ]
+
+
+def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> list[Array]:
+    """Return the seeds and factors (n, 3) of each case, as many rows for each as the most turned one needs."""
+    width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
+    return [case.make_mix(scenario, width) for case in cases]
 
 
 def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:

@@ -1,5 +1,6 @@
 """The direct route: plant kernel and law kernel in one compiled loop, without messages; equal to the bit to UDP."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +15,12 @@ from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, initial_state
-from firmware_model.sim.step import advance_kernel, observe_kernel
+from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
+from gustproof.entries.library import Library, call_step
+from gustproof.entries.stepper import CheckedStepper, StepError
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import EXTRA_SIZE, FORCE, SparseLaw, law_kernel, sparse_law
+from gustproof.law.step import EXTRA_SIZE, FORCE, SparseLaw, law_kernel, no_law, sparse_law
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -35,12 +38,14 @@ class _DirectFlight(NamedTuple):
     """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
     changes: Array
     """(n, 3) scripted changes: sample, offset among the constants, value."""
-    seed: int
-    """Seed of gusts and noise."""
+    mix: Array
+    """(n, 3) seeds of gusts and noise, and their factors [-], see `mixed_normals`."""
     sample_us: int
     """[us] sample time."""
     law: SparseLaw
-    """Terms of the law."""
+    """Terms of the law, unused by a controller in C."""
+    step: int
+    """Address of the step of a controller in C; 0 for a law."""
     reference: Array
     """(samples, 3) [rad] phi, theta, psi."""
     scale: Array
@@ -86,25 +91,88 @@ def fly_direct(
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
-    sim = initial_state(vehicle, scenario, seed)
+    flight = _make_flight(scenario, vehicle, seed, law)._replace(law=sparse_law(law), reference=reference)
+    _fly(flight)
+    return as_records(flight.records)
+
+
+def fly_library(
+    scenario: Scenario, library: Library, *, vehicle: Vehicle, seed: int = 1
+) -> tuple[NDArray[np.void], str]:
+    """Fly a scenario with a controller in C, without messages, its function called in the compiled loop.
+
+    Return the records up to its first command that is not finite, and that command in words, empty if there is none.
+
+    Raises
+    ------
+    ValueError
+        If its sample time is not the scenario's, the script needs messages, or it is in single precision.
+    """
+    check_compatible(scenario, library)
+    if library.is_single:
+        raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
+    flight = _make_flight(scenario, vehicle, seed, library)._replace(step=library.step)
+    flight.z[: library.order] = library.initial_state()
+    flown = _fly(flight)
+    fault = "" if flown == scenario.samples else ", ".join(f"{each:g}" for each in flight.command)
+    return as_records(flight.records[:flown]), fault
+
+
+def fly_stepper(
+    scenario: Scenario, stepper: CheckedStepper, *, vehicle: Vehicle, seed: int = 1
+) -> tuple[NDArray[np.void], StepError | None]:
+    """Fly a scenario with a controller object, without messages; return the records so far and its failure, if any.
+
+    The kernels are those of `fly_direct`, called sample by sample.
+
+    Raises
+    ------
+    ValueError
+        If the script needs messages.
+    """
+    check_compatible(scenario, stepper)
+    flight = _make_flight(scenario, vehicle, seed, stepper)
+    params, state, ring, sample_us = flight.params, flight.state, flight.ring, flight.sample_us
+    late, k = len(ring), 0
+    try:
+        with stepper.limited():
+            stepper.reset()
+            for k, record in enumerate(flight.records):
+                observe(params, state, flight.waves, flight.replay, flight.changes, flight.mix, k, sample_us, record)
+                # Copies: the controller may keep or change what it gets.
+                gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
+                flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
+                slot = ring[k % late]
+                slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
+                within = np.clip(flight.command / flight.scale, -flight.bound, flight.bound)
+                slot[1:4] = within.astype(np.float32)
+                advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
+    except StepError as failure:
+        return as_records(flight.records[:k]), failure
+    return as_records(flight.records), None
+
+
+def _make_flight(
+    scenario: Scenario, vehicle: Vehicle, seed: int, pilot: Law | Library | CheckedStepper
+) -> _DirectFlight:
+    """Return a flight that has not begun, without law."""
+    sim, torque = initial_state(vehicle, scenario, seed), pilot.output is Output.TORQUE
     records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
     records[scenario.delay_samples :, _AGE] = scenario.delay_samples
     records[:, _MODE] = Mode.OFFBOARD.value
-    torque = law.output is Output.TORQUE
-    scale = np.array(published_limit(vehicle)) if torque else np.ones(3)
     ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
-    flight = _DirectFlight(
-        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.seed, scenario.sample_us, sparse_law(law),
-        reference=reference, scale=scale, thrust=np.nan if torque else published_hover(vehicle),
+    return _DirectFlight(
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, no_law(), 0,
+        reference=references(scenario), scale=np.array(published_limit(vehicle)) if torque else np.ones(3),
+        thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
-        z=np.zeros(law.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(law.order), ring=ring, records=records,
+        z=np.zeros(pilot.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(pilot.order), ring=ring,
+        records=records,
     )  # fmt: skip
-    _fly(flight)
-    return as_records(records)
 
 
-def check_compatible(scenario: Scenario, law: Law) -> None:
+def check_compatible(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
     """Check that a law can fly a scenario without messages.
 
     Raises
@@ -114,25 +182,32 @@ def check_compatible(scenario: Scenario, law: Law) -> None:
     """
     if scenario.has_link_script:
         raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
-    if law.dt != scenario.dt:
+    if law.dt not in (None, scenario.dt):
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
 
 
 @compiled
-def _fly(flight: _DirectFlight) -> None:
+def _fly(flight: _DirectFlight) -> int:
+    """Fly, and return the count of samples: fewer than all if a controller in C commands no finite number."""
     params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
-    command, seed, sample_us = flight.command, flight.seed, flight.sample_us
+    command, mix, sample_us = flight.command, flight.mix, flight.sample_us
     n, late = flight.work.size, ring.shape[0]
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, seed, k, sample_us, record)
+        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, mix, k, sample_us, record)
         for i in range(3):
             z[n + i] = record[GYRO_B + i]
             z[n + 3 + i] = flight.reference[k, i]
             z[n + FORCE + i] = record[FORCE_B + i]
-        law_kernel(flight.law, z, command, flight.work)
+        if flight.step != 0:
+            call_step(flight.step, z, z[n:], command)
+            if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
+                return k
+        else:
+            law_kernel(flight.law, z, command, flight.work)
         slot = ring[k % late]
         slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
         for i in range(3):
             slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
-        advance_kernel(params, state, seed, k, sample_us, ring[(k + 1) % late], record)
+        advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
+    return int(records.shape[0])

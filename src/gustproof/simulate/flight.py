@@ -15,6 +15,7 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
 from firmware_model.errors import ConfigError
 from firmware_model.physics.rotors import can_hover
 from firmware_model.sim.fault_schedule import fault_schedule
+from gustproof.entries.entry import Entry, EntryKind, Pilot, find_entry, find_program, parse_entry_metadata
 from gustproof.law.form import Law, parse_law
 from gustproof.law.hover import is_stable_at_hover
 from gustproof.scoring.metrics import Metrics, measure
@@ -32,7 +33,7 @@ class Flight:
     scenario: Scenario
     """Script."""
     law: Law | None
-    """Law in control; `None` for a foreign controller."""
+    """Law in control; `None` for any other controller."""
     vehicle: Vehicle
     """Vehicle."""
     seed: int
@@ -58,6 +59,8 @@ class Flight:
     """Journal file; `None` once a bag has replaced it."""
     autopilot: Mapping[str, Any] | None = None
     """Plan and facts of the real autopilot that flew: kind, version, build, parameters; `None` for our own."""
+    entry: Entry | None = None
+    """Controller that is no law, in control; `None` if a law or another autopilot was."""
     estimates: Records | None = None
     """(n,) attitudes as a real autopilot told them, see `firmware_model.guest.recorder`; `None` for our own."""
     bag: Path | None = None
@@ -77,8 +80,10 @@ class Flight:
 
     @property
     def pilot_name(self) -> str:
-        """Name of the law or the autopilot that flew, in texts and files."""
-        return law_name(self.law) if self.autopilot is None else str(self.autopilot["name"])
+        """Name of the law, the entry or the autopilot that flew, in texts and files."""
+        if self.autopilot is not None:
+            return str(self.autopilot["name"])
+        return law_name(self.law) if self.entry is None else self.entry.name
 
     @cached_property
     def own_view(self) -> OwnView | None:
@@ -113,6 +118,7 @@ class Flight:
             "scenario": self.scenario.name,
             "law": None if self.law is None else self.law.name,
             **({} if self.autopilot is None else {"autopilot": dict(self.autopilot)}),
+            **({} if self.entry is None else {"controller": self.entry.to_dict()}),
             "vehicle": self.vehicle.name,
             "seed": self.seed,
             "outcome": self.outcome.name.lower(),
@@ -131,26 +137,29 @@ class FlightPlan(NamedTuple):
 
     scenario: Scenario
     """Script."""
-    law: Law
-    """Law."""
+    pilot: Pilot
+    """Law, or a controller that is none."""
     vehicle: Vehicle
     """Vehicle."""
     seed: int
     """Seed of gusts and noise."""
     real_time: bool
     """True at the pace of the clock; otherwise lockstep, where each repetition gives the same bits."""
+    nominal: Vehicle | None = None
+    """Vehicle that the maker of an entry gets; `None` for the flown one."""
 
     @property
     def name(self) -> str:
         """Name of the files of this flight."""
-        return flight_name(self.scenario, self.law.name, self.seed)
+        return flight_name(self.scenario, self.pilot.name, self.seed)
 
     def metadata(self) -> dict[str, Any]:
         """Return the plan as JSON for `parse_plan`, with the versions of the software that flies it."""
         return {
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": to_jsonable_python(self.vehicle),
-            "law": {**self.law.to_dict(), "order": self.law.order},
+            **_describe_pilot(self.pilot),
+            **({} if self.nominal is None else {"nominal": to_jsonable_python(self.nominal)}),
             "seed": self.seed,
             "real_time": self.real_time,
             "versions": software_versions(),
@@ -167,19 +176,22 @@ def objection(scenario: Scenario, law: Law, vehicle: Vehicle) -> str:
     return f"law '{law.name}' is unstable on vehicle '{vehicle.name}', by the linear model at hover"
 
 
-def check(scenario: Scenario, law: Law, vehicle: Vehicle) -> None:
+def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
     """Refuse a flight that should not begin.
 
     Raises
     ------
     ConfigError
-        If there is an `objection`, or the vehicle is impossible, at first or after an event.
+        If there is an `objection` to a law, a program is not there, or the vehicle is impossible, at first or after an
+        event.
     """
+    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+        find_program(pilot.source)
     check_body(vehicle.inertia_B, vehicle.inertia_B, f"vehicle '{vehicle.name}'")
     for sample, plant in fault_schedule(vehicle, scenario):
         after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"
         check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
-    if line := objection(scenario, law, vehicle):
+    if isinstance(pilot, Law) and (line := objection(scenario, pilot, vehicle)):
         raise ConfigError(f"{line}; --anyway flies it all the same")
 
 
@@ -206,16 +218,31 @@ def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     Raises
     ------
     ConfigError
-        If there is none, or the law is missing.
+        If there is none, the law is missing, or the file of another controller has changed.
     """
-    scenario, law, vehicle, seed, real_time = parse_metadata(metadata, source)
-    if law is None:
+    scenario, pilot, vehicle, seed, real_time = parse_metadata(metadata, source)
+    if pilot is None:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
-    return FlightPlan(scenario, law, vehicle, seed, real_time)
+    if isinstance(pilot, Entry):
+        pilot = find_entry(metadata["controller"], source)
+    nominal = metadata.get("nominal")
+    known = None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
+    return FlightPlan(scenario, pilot, vehicle, seed, real_time, known)
 
 
-def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, Vehicle, int, bool]:
-    """Return the fields of a `FlightPlan`; the law is `None` for a foreign controller.
+def _describe_pilot(pilot: Pilot) -> dict[str, Any]:
+    if isinstance(pilot, Entry):
+        return {"law": None, "controller": pilot.to_dict()}
+    return {"law": {**pilot.to_dict(), "order": pilot.order}}
+
+
+def by_kind(pilot: Pilot | None) -> dict[str, Any]:
+    """Return the fields of a `Flight` that hold its pilot."""
+    return {"law": pilot if isinstance(pilot, Law) else None, "entry": pilot if isinstance(pilot, Entry) else None}
+
+
+def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Pilot | None, Vehicle, int, bool]:
+    """Return the fields of a `FlightPlan`; the pilot is `None` if nothing is known of it but its commands.
 
     Raises
     ------
@@ -225,12 +252,15 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Law | None, V
     try:
         scenario, vehicle = metadata["scenario"], metadata["vehicle"]
         law = metadata["law"] and {key: value for key, value in metadata["law"].items() if key != "order"}
+        entry = metadata.get("controller")
         seed, real_time = int(metadata["seed"]), bool(metadata["real_time"])
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
     script = validate(Scenario, scenario, f"{source}: scenario")
-    parsed = None if law is None else parse_law(law, f"{source}: law")
-    return script, parsed, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
+    pilot: Pilot | None = None if entry is None else parse_entry_metadata(entry, source)
+    if law is not None:
+        pilot = parse_law(law, f"{source}: law")
+    return script, pilot, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
 
 
 def first_difference_s(records: Records, others: Records) -> float | None:
@@ -239,7 +269,8 @@ def first_difference_s(records: Records, others: Records) -> float | None:
     A flight that was cut off shares all of its samples with the whole one.
     """
     n = min(len(records), len(others))
-    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, -1) for each in (records, others))
+    words = records.dtype.itemsize // 8
+    ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, words) for each in (records, others))
     rows = np.flatnonzero(np.any(ours != theirs, axis=1))
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
 

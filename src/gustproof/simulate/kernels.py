@@ -20,10 +20,12 @@ from firmware_model.recording.journal import WIDTH
 from firmware_model.sim import inner_loop, layout, step
 from firmware_model.sim.inner_loop import SETPOINT_WIDTH, track_setpoint
 from firmware_model.sim.state import Array
+from gustproof.entries.library import Library, call_step
 from gustproof.law.form import Law
 from gustproof.law.step import (
     EXTRA_SIZE,
     FORCE,
+    MEASURED_SIZE,
     RATE_EXCESS,
     RATES,
     SATURATION,
@@ -38,6 +40,7 @@ from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
+_STEP_SIZE = MEASURED_SIZE + 3
 _GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
 
@@ -57,7 +60,11 @@ class BatchSetup(NamedTuple):
     rules: Array
     """(n, 8) rules, see `scoring.requirements`."""
     law: SparseLaw
-    """Terms of the law."""
+    """Terms of the law, unused by a controller in C."""
+    step: int
+    """Address of the step of a controller in C; 0 for a law."""
+    steps_lanes: bool
+    """True if it steps all flights of a batch in one call."""
     kind: float
     """[-] kind of its set-points, see `sim.inner_loop`."""
     bound: float
@@ -74,7 +81,9 @@ class Batch(NamedTuple):
     changes: Array
     """(n, 3) scripted changes: sample, offset among all constants, value."""
     seeds: NDArray[np.int64]
-    """(LANES,) seeds of gusts and noise."""
+    """(n, LANES) seeds of gusts and noise, see `mixed_normals`."""
+    mix: Array
+    """(n, 2, LANES) [-] factor on the noise of the seeds before each, and on its own."""
     scale: Array
     """(3 * LANES,) [N*m or rad/s] B, command that is 1.0 on the wire."""
     thrust: Array
@@ -87,6 +96,8 @@ class Batch(NamedTuple):
     """(n, LANES) next states of the law."""
     commands: Array
     """(3, LANES) [N*m or rad/s] B."""
+    each: Array
+    """(LANES, n + 12) states, inputs and command of a controller in C that steps one flight in a call."""
     ring: Array
     """(delay + 1, SETPOINT_WIDTH * LANES) latest set-points, see `sim.inner_loop`."""
     kinds: Array
@@ -96,7 +107,7 @@ class Batch(NamedTuple):
     uniform: Array
     """(12 or 16 * LANES,) uniform random numbers: gyro, gust, and accelerometer if the law reads it."""
     noise: Array
-    """(16 * LANES,) standard normal random numbers, in the same order."""
+    """(n, 16 * LANES) standard normal random numbers of each seed, in the same order; their sum in the first row."""
     outer: Array
     """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
     places: NDArray[np.int64]
@@ -111,20 +122,24 @@ def _zeros(count: int) -> Array:
     return aligned_zeros(count * LANES).reshape(count, LANES)
 
 
-def allocate_batch(law: Law, delay: int) -> dict[str, Any]:
+def allocate_batch(law: Law | Library, delay: int, seeds: int) -> dict[str, Any]:
     """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
     drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
+    z, each = _zeros(law.order + EXTRA_SIZE), np.zeros((LANES, law.order + _STEP_SIZE))
+    if isinstance(law, Library):
+        z[: law.order], each[:, : law.order] = law.initial_state()[:, None], law.initial_state()
     ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
     ring[:, inner_loop.THRUST * LANES :] = np.nan
     return {
-        "z": _zeros(law.order + EXTRA_SIZE),
+        "z": z,
         "work": _zeros(law.order),
         "commands": _zeros(3),
+        "each": each,
         "ring": ring,
         "kinds": np.zeros(delay + 1),
         "record": aligned_zeros(WIDTH * LANES),
         "uniform": aligned_zeros(drawn),
-        "noise": aligned_zeros(_NOISE_ROWS * LANES),
+        "noise": aligned_zeros(seeds * _NOISE_ROWS * LANES).reshape(seeds, _NOISE_ROWS * LANES),
         "outer": aligned_zeros(drawn + BLOCK),
         "places": np.zeros(drawn, dtype=np.int64),
         "tallies": _zeros(TALLY_SIZE),
@@ -148,18 +163,25 @@ def fly_free(shared: BatchSetup, batch: Batch) -> None:
 @kernel
 def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch and judge it, as `fly_direct` and the scoring of its records do; only the latest record is kept."""
-    params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise, batch.ring
+    params, state, record, noise, ring = batch.params, batch.state, batch.record, batch.noise[0], batch.ring
     tallies, torque_limit = batch.tallies.reshape(TALLY_SIZE * LANES), batch.torque_limit
     limits, late = torque_limit.reshape(3, LANES), batch.kinds.size
     steps, dt = int(params[layout.STEPS * LANES]), shared.sample_us * 1e-6
     rotors = int(params[layout.ROTOR_COUNT * LANES])
     for k in range(shared.reference.shape[0]):
         reference, now, acts = shared.reference[k], k % late, (k + 1) % late
-        _draw(batch.seeds, k, batch.uniform)
-        inverse_normals(batch.uniform, noise, batch.outer, batch.places)
+        for j in range(batch.seeds.shape[0]):
+            _draw(batch.seeds[j], k, batch.uniform)
+            inverse_normals(batch.uniform, batch.noise[j], batch.outer, batch.places)
+        _mix_noise(batch, batch.uniform.size)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
-        _step_law(shared.law, batch.z, batch.commands, batch.work)
+        if shared.step == 0:
+            _step_law(shared.law, batch.z, batch.commands, batch.work)
+        elif shared.steps_lanes:
+            call_step(shared.step, batch.z, batch.z[batch.work.shape[0] :], batch.commands)
+        else:
+            _step_each(shared.step, batch)
         _write_setpoint(batch, shared.bound, ring[now])
         batch.kinds[now] = shared.kind
         if free and rotors != 4:
@@ -186,6 +208,16 @@ def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
 
 
 @kernel
+def _mix_noise(batch: Batch, drawn: int) -> None:
+    """Do the sums of `mixed_normals`."""
+    for j in range(1, batch.seeds.shape[0]):
+        for at in range(0, drawn, LANES):
+            for w in range(LANES):
+                kept, added = batch.mix[j, 0, w] * batch.noise[0, at + w], batch.mix[j, 1, w] * batch.noise[j, at + w]
+                batch.noise[0, at + w] = kept + added
+
+
+@kernel
 def _draw_block(seeds: NDArray[np.int64], stream: int, sample: int, block: int, u: Array, row: int) -> None:
     for w in range(LANES):
         a, b, c, d = uniforms(seeds[w], stream, sample, block)
@@ -202,7 +234,7 @@ def _noise_block(noise: Array, row: int, w: int) -> tuple[float, float, float, f
 @kernel
 def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     """Do the work of `sim.step.observe_kernel`."""
-    params, state, noise, record = batch.params, batch.state, batch.noise, batch.record
+    params, state, noise, record = batch.params, batch.state, batch.noise[0], batch.record
     step.apply_changes(params, Lane(state, LANES, 0), batch.changes, sample)
     time_us = sample * shared.sample_us
     scripted = disturbance(shared.waves, shared.replay, sample, time_us * 1e-6)
@@ -282,6 +314,19 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     for i in range(n):
         for w in range(LANES):
             z[i, w] = work[i, w]
+
+
+@kernel
+def _step_each(step: int, batch: Batch) -> None:
+    """Call a controller in C once for each flight."""
+    z, each, commands, n = batch.z, batch.each, batch.commands, batch.work.shape[0]
+    end = n + MEASURED_SIZE
+    for w in range(LANES):
+        for i in range(n, end):
+            each[w, i] = z[i, w]
+        call_step(step, each[w], each[w, n:], each[w, end:])
+        for i in range(3):
+            commands[i, w] = each[w, end + i]
 
 
 @kernel

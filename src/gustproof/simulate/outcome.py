@@ -30,6 +30,16 @@ class FlightOutcome(Enum):
     """Set-points stopped in mid-flight; the on-board loop flew until OFFBOARD was set again, or to the end."""
     LEFT_OFFBOARD = "the vehicle left OFFBOARD; its on-board loop flew until OFFBOARD was set again"
     """Another client or the script set another mode; the law has not flown all of the scenario."""
+    CONTROLLER_RAISED = "the controller raised an error"
+    """A step of an entry raised, or returned something else than three numbers."""
+    CONTROLLER_NOT_FINITE = "the controller's command was not finite"
+    """A step of an entry returned NaN or an infinite number."""
+    CONTROLLER_HUNG = "the controller hung"
+    """A step of an entry took longer than its time limit."""
+    CONTROLLER_LATE = "the controller was late"
+    """In real time, samples passed without a command in time; the last one was held."""
+    CONTROLLER_DIED = "the controller's process died"
+    """The process of an entry was killed, or crashed."""
     AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
     """The vehicle's process died."""
     NOT_STARTED = "the flight did not begin"
@@ -56,6 +66,12 @@ class FlightOutcome(Enum):
     """Ctrl-C."""
     CUT_OFF = "cut off; what its journal held has been recovered"
     """All of its processes were killed, or the machine was."""
+
+
+ENTRY_FAILURES = frozenset(outcome for outcome in FlightOutcome if outcome.name.startswith("CONTROLLER_")) - {
+    FlightOutcome.CONTROLLER_LOST
+}
+"""Ends of a flight by a fault of its entry."""
 
 
 def describe(outcome: FlightOutcome, scenario: Scenario, records: Records) -> str:

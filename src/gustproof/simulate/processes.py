@@ -7,10 +7,11 @@ The vehicle's process leaves the journal; law, scenario and seed give the same b
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -24,16 +25,21 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.child import share_core
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from gustproof.controller.guard import describe_exit
+from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
-from gustproof.simulate.flight import Flight, FlightPlan
+from gustproof.simulate.flight import Flight, FlightPlan, by_kind
 from gustproof.simulate.loopback import KillSchedule, kill_schedule
 from gustproof.simulate.outcome import FlightOutcome, describe
+from gustproof.simulate.programs import controller_command, describe_start, is_program, refine_outcome
 
 WORKING_PREFIX = ".flight-"
 """Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
 _POLL_S = 0.02  # between two looks at the processes
+_BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
+_START_TIMEOUT_S = 60.0  # for a controller to begin the flight
 _OUTCOMES = {
     VehicleOutcome.DONE: FlightOutcome.DONE,
     VehicleOutcome.STREAM_LOST: FlightOutcome.CONTROLLER_LOST,
@@ -45,7 +51,7 @@ _OUTCOMES = {
 
 def fly(
     scenario: Scenario,
-    law: Law,
+    pilot: Pilot,
     *,
     vehicle: Vehicle,
     seed: int = 1,
@@ -82,15 +88,28 @@ def fly(
     >>> (flight.outcome.name, len(flight.records))
     ('DONE', 25)
     """
-    if law.dt != scenario.dt:
-        raise ConfigError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    plan = FlightPlan(scenario, law, vehicle, seed, real_time)
+    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time)
+    return fly_plan(plan, out, default_ports=default_ports, progress=progress, tlog=tlog, on_listening=on_listening)
+
+
+def fly_plan(
+    plan: FlightPlan,
+    out: Path,
+    *,
+    default_ports: bool = True,
+    progress: Callable[[float], None] | None = None,
+    tlog: bool = False,
+    on_listening: Callable[[int, Path], None] | None = None,
+) -> Flight:
+    """Fly a plan as `fly` does."""
+    scenario, pilot, vehicle, seed, real_time, _ = plan
+    _check_rate(scenario, pilot)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
     if there := [file for file in (journal, log) if file.exists()]:
         raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as folder:
-        files = _write_inputs(plan, Path(folder))
+        files = write_inputs(plan, Path(folder))
         pacing = [] if real_time else ["--lockstep"]
         ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
@@ -104,20 +123,29 @@ def fly(
     words = describe(outcome, scenario, records)
     reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
-        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message=f"{scenario.name}, {law.name}, seed {seed}: {words}{reason}",
+        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {pilot.name}, seed {seed}: {words}{reason}",
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
     )  # fmt: skip
 
 
-def _write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
+def _check_rate(scenario: Scenario, pilot: Pilot) -> None:
+    """Check that a law steps at the scenario's rate; an entry's own process checks its."""
+    if isinstance(pilot, Law) and pilot.dt != scenario.dt:
+        text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+        raise ConfigError(text)
+
+
+def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     """Write the files that the processes read, and return their paths by content."""
-    files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "law", "note")}
+    files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "nominal", "law", "note")}
     files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
     files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
+    files["nominal"].write_text(json.dumps(to_jsonable_python(plan.nominal or plan.vehicle)), encoding="utf-8")
     files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
-    plan.law.save(files["law"])
+    if isinstance(plan.pilot, Law):
+        plan.pilot.save(files["law"])
     return files
 
 
@@ -129,11 +157,14 @@ class _ProcessPair:
     ) -> None:
         self.summary: dict[str, Any] = {}
         self.reason = ""
-        self._gave_up = False
+        self._gave_up = self._alone = False
         self._files, self._seed, self._journal, self._options = files, plan.seed, journal, options
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
-        self._pacing = [] if "--lockstep" in options else ["--real-time"]
+        self._is_program = is_program(plan.pilot)
+        self._is_law = isinstance(plan.pilot, Law)
+        self._controller = controller_command(plan.pilot, files, real_time="--lockstep" not in options)
+        self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def __enter__(self) -> Self:
@@ -141,11 +172,7 @@ class _ProcessPair:
 
     def __exit__(self, *_: object) -> None:
         for process in self._processes.values():
-            terminate(process)
-            for stream in (process.stdin, process.stdout, process.stderr):
-                with contextlib.suppress(BrokenPipeError):
-                    if stream:
-                        stream.close()
+            close(process)
 
     def fly(
         self, samples: int, progress: Callable[[float], None], on_listening: Callable[[int, Path], None]
@@ -161,111 +188,147 @@ class _ProcessPair:
         return self._read_outcome()
 
     def _start(self, on_listening: Callable[[int, Path], None]) -> None:
-        vehicle = self._launch(
-            "vehicle", "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
+        self._processes["vehicle"] = vehicle = launch(
+            "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
             "--journal", str(self._journal), "--metadata", str(self._files["note"]),
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile; it gets the port once the vehicle has one.
-        self._launch_controller("controller")
-        if self._kill is not None:
-            self._launch_controller("spare")
+        for name in ("controller", "spare") if self._kill is not None else ("controller",):
+            self._processes[name] = launch(*self._controller)
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
-            raise ConfigError(self._last_stderr_line("vehicle") or "the vehicle's process did not start")
+            raise ConfigError(last_stderr_line(self._processes["vehicle"]) or "the vehicle's process did not start")
         ports = json.loads(greeting)["listening"]
         on_listening(ports[0], self._journal)
-        self._address = f"127.0.0.1:{ports[-1]}\n"
+        self._address = f"127.0.0.1:{ports[-1]}"
         if "--lockstep" in self._options:
             share_core([process.pid for process in self._processes.values()])
         self._send_address()
 
-    def _launch_controller(self, name: str) -> None:
-        self._launch(
-            name, "gustproof.controller", "--json", "--exit-on-stdin-eof", "--law", str(self._files["law"]),
-            "--connect", "-", "--scenario", str(self._files["scenario"]), *self._pacing,
-        )  # fmt: skip
-
     def _send_address(self) -> None:
         """Let the controller begin; `_watch` finds one that has ended already."""
-        stdin = self._processes["controller"].stdin
-        with contextlib.suppress(BrokenPipeError):
-            if stdin:
-                stdin.write(self._address)
-                stdin.flush()
+        send_line(self._processes["controller"], self._address)
 
     def _follow_script(self, flown: int) -> None:
         """Kill the controller when the script says so, and let the spare one take its place."""
         if self._kill is None or flown < self._kill[0]:
             return
-        self._processes["controller"].kill()
+        # A guard kills its program and all that it has started; it would outlive them if it were killed itself.
+        self._processes["controller"].send_signal(signal.SIGQUIT if self._is_program else signal.SIGKILL)
         if flown >= self._kill[1]:
             self._processes["dead"] = self._processes["controller"]
             self._processes["controller"] = self._processes.pop("spare")
             self._kill, self._replaced = None, True
             self._send_address()
 
-    def _launch(self, name: str, module: str, *arguments: str) -> subprocess.Popen[str]:
-        # A session of its own: Ctrl-C reaches this process alone, which then ends both in order. If this process is
-        # killed, their standard input ends, and so do they.
-        self._processes[name] = process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        )  # fmt: skip
-        return process
-
     def _watch(self, samples: int, progress: Callable[[float], None]) -> None:
         """Wait until the vehicle has ended; end it if its controller ended before the flight began."""
         vehicle = self._processes["vehicle"]
-        alone_since = None
+        alone_since, give_up_s = None, time.monotonic() + _START_TIMEOUT_S
         while vehicle.poll() is None:
             flown = count_records(self._journal, self._rotors)
             self._follow_script(flown)
             progress(min(flown / samples, 1.0))
             if self._processes["controller"].poll() is not None:
+                self._check_entry(flown)
                 alone_since = alone_since or time.monotonic()
-                if not flown and time.monotonic() > alone_since + _ORPHAN_TIMEOUT_S:
-                    self._gave_up = True
-                    terminate(vehicle)
+                give_up_s = min(give_up_s, alone_since + _ORPHAN_TIMEOUT_S)
+            if not flown and time.monotonic() > give_up_s:
+                self._gave_up = True
+                terminate(vehicle)
             time.sleep(_POLL_S)
+        self._alone = self._processes["controller"].poll() is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             # A spare controller took over a flying vehicle: it does not end with this flight.
             ends = vehicle.returncode == 0 and not self._replaced
             self._processes["controller"].wait(_EXIT_TIMEOUT_S if ends else 0.0)
         progress(min(count_records(self._journal, self._rotors) / samples, 1.0))
 
+    def _check_entry(self, flown: int) -> None:
+        """Refuse an object or a library that can't be made; its process says why."""
+        controller = self._processes["controller"]
+        is_refused = controller.returncode == _BAD_INPUT and not (flown or self._is_law or self._is_program)
+        if is_refused and (line := last_stderr_line(controller)):
+            raise ConfigError(line.removeprefix("gustproof controller: "))
+
     def _read_outcome(self) -> FlightOutcome:
         """Return the outcome; keep the vehicle's summary, and the reason of a flight that broke off."""
-        self.summary = self._read_summary("vehicle")
+        self.summary = read_summary(self._processes["vehicle"])
         if not self.summary:
-            self.reason = self._last_stderr_line("vehicle")
+            self.reason = last_stderr_line(self._processes["vehicle"])
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
-        alone = self._processes["controller"].poll() is not None
-        reason = self._last_stderr_line("controller")
-        if summary := self._read_summary("controller"):
-            reason = f"gustproof controller: {summary['message']}"
-            if self.summary["pace"]:
-                self.summary["pace"] |= {name: summary[name] for name in ("late_samples", "missed_samples")}
-        if outcome is not FlightOutcome.DONE and alone:
-            self.reason = reason
-        return outcome
+        status = self._processes["controller"].poll()
+        reason, told = self._read_controller()
+        # A program ends by itself once the vehicle is disarmed, whatever the outcome.
+        ended_early = self._alone if self._is_program else status is not None
+        if ended_early and outcome is not FlightOutcome.DONE:
+            self.reason = reason or describe_exit(status or 0)
+        return self._refine(outcome, told)
 
-    def _read_summary(self, name: str) -> dict[str, Any]:
-        """Return the JSON that an ended process printed last; empty if it was killed."""
-        stdout = self._processes[name].stdout
-        lines = stdout.read().splitlines() if stdout else []
-        return json.loads(lines[-1]) if lines else {}
+    def _read_controller(self) -> tuple[str, dict[str, Any]]:
+        """End the controller; return its last words, and its summary, whose figures of pace go with the vehicle's."""
+        controller = self._processes["controller"]
+        reason, told = last_stderr_line(controller), read_summary(controller)
+        if self.summary["pace"] and "late_samples" in told:
+            self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
+        if told:
+            reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
+        return reason, told
 
-    def _last_stderr_line(self, name: str) -> str:
-        """Return the last line that an ended process left on stderr."""
-        process = self._processes[name]
-        terminate(process)
-        lines = process.stderr.read().strip().splitlines() if process.stderr else []
-        return lines[-1] if lines else ""
+    def _refine(self, outcome: FlightOutcome, told: Mapping[str, Any]) -> FlightOutcome:
+        """Return the outcome of an entry's flight, and keep how far one came that did not begin; a law's stays."""
+        if self._is_law:
+            return outcome
+        if outcome is FlightOutcome.NOT_STARTED:
+            self.reason = "; ".join(filter(None, (describe_start(self.summary), self.reason)))
+        return outcome if self._scripted else refine_outcome(outcome, self.summary, told, alone=self._alone)
 
 
-def terminate(process: subprocess.Popen[str]) -> None:
+def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":
+    """Start a module of this Python, with pipes for its streams.
+
+    It has a session of its own: Ctrl-C reaches this process alone, which then ends it in order. If this process is
+    killed, its standard input ends, and so does it.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+
+
+def send_line(process: "subprocess.Popen[str]", line: str) -> None:
+    """Write a line to the standard input of a process, which may have ended."""
+    with contextlib.suppress(BrokenPipeError):
+        if process.stdin:
+            process.stdin.write(f"{line}\n")
+            process.stdin.flush()
+
+
+def read_summary(process: "subprocess.Popen[str]") -> dict[str, Any]:
+    """Return the JSON that an ended process printed last; empty if it was killed."""
+    lines = process.stdout.read().splitlines() if process.stdout else []
+    return json.loads(lines[-1]) if lines else {}
+
+
+def last_stderr_line(process: "subprocess.Popen[str]") -> str:
+    """End a process, and return the last line that it left on stderr."""
+    terminate(process)
+    lines = process.stderr.read().strip().splitlines() if process.stderr else []
+    return lines[-1] if lines else ""
+
+
+def close(process: "subprocess.Popen[str]") -> None:
+    """End a process, and close its streams."""
+    terminate(process)
+    for stream in (process.stdin, process.stdout, process.stderr):
+        with contextlib.suppress(BrokenPipeError):
+            if stream:
+                stream.close()
+
+
+def terminate(process: "subprocess.Popen[str]") -> None:
     """End a process, with SIGTERM first, so that it can close its files."""
     if process.poll() is None:
         process.terminate()

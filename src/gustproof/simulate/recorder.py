@@ -12,10 +12,10 @@ from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.journal import read_journal
 from gustproof.errors import FlightError
 from gustproof.recording.bag import UNFINISHED_PREFIX, read_bag, write_bag
-from gustproof.simulate.flight import Flight, FlightPlan, flight_name, parse_metadata
+from gustproof.simulate.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata
 from gustproof.simulate.guest import GuestPlan, fly_guest
 from gustproof.simulate.outcome import describe, infer_outcome
-from gustproof.simulate.processes import WORKING_PREFIX, fly
+from gustproof.simulate.processes import WORKING_PREFIX, fly_plan
 
 
 def fly_and_record(
@@ -38,7 +38,7 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    flight = fly(**plan._asdict(), out=out, progress=progress, tlog=tlog, on_listening=on_listening)
+    flight = fly_plan(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
     return _replace_journal(flight, plan.metadata())
 
 
@@ -91,11 +91,11 @@ def recover(folder: Path) -> list[Flight]:
 def _recover(journal: Path) -> Flight:
     header, records = read_journal(journal, sound=True)
     metadata = header.get("note", {})
-    scenario, law, vehicle, seed, _ = parse_metadata(metadata, journal)
+    scenario, pilot, vehicle, seed, _ = parse_metadata(metadata, journal)
     outcome = infer_outcome(records, scenario)
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     flight = Flight(
-        scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message="", journal=journal, autopilot=metadata.get("autopilot"),
         estimates=read_estimates(journal.with_suffix(ATTITUDE_SUFFIX)) if "autopilot" in metadata else None,
     )  # fmt: skip

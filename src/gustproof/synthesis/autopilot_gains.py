@@ -6,7 +6,7 @@ the gyro are common to the axes.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -22,8 +22,9 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.guest.guest import scenario_for
 from firmware_model.guest.parameter_files import GROUND_STATION_FORMS, write_parameters
+from firmware_model.types import Vector
 from gustproof.autopilots.models import AUTOPILOTS, autopilot_law
-from gustproof.autopilots.settings import complete
+from gustproof.autopilots.settings import Autopilot, complete
 from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Law, Matrix
@@ -49,6 +50,8 @@ _LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
 """[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
 _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
+_LARGEST_CORNER = 0.45
+"""[-] largest corner of a filter as a share of the rate."""
 _UNSTABLE = 1e6
 """[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
 _DIGITS = 5
@@ -66,8 +69,16 @@ class _Structure(NamedTuple):
     """[Hz], [-] least corner of a filter, and largest as a share of the rate."""
     angle_p: tuple[float, float, float]
     """[1/s] largest angle P that ground stations take, about each axis."""
+    rate_max: tuple[str, str, str]
+    """Names of the largest commanded rate [deg/s] about each axis."""
     fixed: Mapping[str, float]
     """Values of others."""
+
+    def as_law(self, vehicle: Vehicle) -> "_Structure":
+        """Return the structure with the limit of rates that laws have, and filters as fast as samples allow."""
+        limit = min(math.degrees(vehicle.stabilizer.rate_limit), 1000.0)
+        corners = self.corners[0], _LARGEST_CORNER
+        return self._replace(corners=corners, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
 
 
 _PX4 = _Structure(
@@ -75,8 +86,9 @@ _PX4 = _Structure(
         tuple(f"MC_{axis}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for axis in ("ROLL", "PITCH", "YAW")
     ),
     shared=("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF"),
-    corners=(10.0, 0.45),
+    corners=(10.0, _LARGEST_CORNER),
     angle_p=(12.0, 12.0, 5.0),
+    rate_max=("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"),
     fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
                                        for each, value in (("K", 1.0), ("FF", 0.0))}},
 )  # fmt: skip
@@ -88,6 +100,7 @@ _ARDUPILOT = _Structure(
     shared=("INS_GYRO_FILTER",),
     corners=(5.0, 0.25),
     angle_p=(12.0, 12.0, 12.0),
+    rate_max=("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX"),
     fixed={f"ATC_RAT_{axis}_{each}": value for axis in ("RLL", "PIT", "YAW")
            for each, value in (("FLTT", 100.0), ("FLTE", 0.0), ("FF", 0.0), ("SMAX", 0.0), ("IMAX", 1.0))},
 )  # fmt: skip
@@ -115,13 +128,21 @@ class AutopilotTuning:
 
 
 def tune_gains(
-    kind: str, vehicles: VehicleSet, scenario: Scenario, *, slew: float, sensitivity_peak: float = 1.4
+    kind: str,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+    *,
+    slew: float,
+    sensitivity_peak: float = 1.4,
+    in_simulation: bool = True,
+    progress: Callable[[float, str], None] = lambda _share, _text: None,
 ) -> AutopilotTuning:
     """Return the gains of `px4` or `ardupilot` with the least attitude error in the scenario's turbulence.
 
-    It is a local optimum from fixed starts: the same gains every time. The loops run at the rate of the autopilot's
-    simulation. The sensitivity peak [-] of each axis is at most `sensitivity_peak`, the rms torque slew pooled over the
-    axes at most `slew` [N*m/s].
+    It is a local optimum from fixed starts: the same gains every time. The sensitivity peak [-] of each axis is at most
+    `sensitivity_peak`, the rms torque slew pooled over the axes at most `slew` [N*m/s]. The loops run at the rate of
+    the autopilot's simulation, which rounds its outputs. If not `in_simulation` they are a law for any vehicle: at the
+    scenario's rate, without mixer, with parameters per torque limit.
 
     Raises
     ------
@@ -132,20 +153,34 @@ def tune_gains(
     ValueError
         If the scenario has no turbulence.
     """
-    autopilot, structure, vehicle = AUTOPILOTS[kind], _STRUCTURES[kind], vehicles.nominal
-    script = scenario_for(kind, scenario)
-    step = vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0
+    autopilot, vehicle = AUTOPILOTS[kind], vehicles.nominal
+    structure = _STRUCTURES[kind] if in_simulation else _STRUCTURES[kind].as_law(vehicle)
+    script, steps = (scenario_for(kind, scenario), autopilot.thrust_steps) if in_simulation else (scenario, 0)
+    step = vehicle.rotors.thrust_max / steps if steps else 0.0
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
-    search = _Search(kind, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2))
-    tries = product(_CORNER_PEAKS, _SPEEDS)
-    values = next((found for corner, speed in tries if (found := search.run(corner, speed)) is not None), None)
-    if values is None:
+    fixed = complete(autopilot, structure.fixed)
+    torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit
+    search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2), torque)
+    tries = list(product(_CORNER_PEAKS, _SPEEDS))
+    for number, (corner, speed) in enumerate(tries):
+        progress(number / len(tries), f"at most {corner * sensitivity_peak:.3g} off nominal")
+        values = search.run(corner, speed)
+        if values is not None:
+            break
+    else:
         raise DesignError(
             f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
             f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
         )
     parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
-    law = autopilot_law(kind, parameters, vehicle, name=f"{kind}-{vehicle.name}").law
+    law = autopilot_law(
+        kind,
+        parameters,
+        vehicle,
+        rate_hz=script.control_rate_hz,
+        full_torque=torque,
+        name=f"{kind}-{vehicle.name}",
+    ).law
     predicted = predict(law, vehicle, script)
     assert predicted is not None  # as for a law of torque
     assert predicted.seen_rmse is not None  # on strapdown
@@ -181,14 +216,23 @@ class _Search:
     """Search for one vehicle and scenario.
 
     The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peak` is the
-    largest sensitivity peak [-] of each axis of the nominal vehicle.
+    largest sensitivity peak [-] of each axis of the nominal vehicle, `torque` [N*m] that of a command of 1.
     """
 
-    def __init__(self, kind: str, vehicles: VehicleSet, scenario: Scenario, peak: float, slew: float) -> None:
-        self._autopilot, self._structure, self._slew = AUTOPILOTS[kind], _STRUCTURES[kind], slew
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        structure: _Structure,
+        vehicles: VehicleSet,
+        scenario: Scenario,
+        peak: float,
+        slew: float,
+        torque: Vector,
+    ) -> None:
+        self._autopilot, self._structure, self._slew = autopilot, structure, slew
         self._fixed = complete(self._autopilot, self._structure.fixed)
         self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
-        self._torque = self._autopilot.full_torque(vehicles.nominal, self._fixed)
+        self._torque = torque
         self._axes = list(
             zip(*(axis_models(each, scenario) for each in (vehicles.nominal, *corner_vehicles(vehicles))), strict=True)
         )

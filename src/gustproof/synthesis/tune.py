@@ -19,7 +19,7 @@ from firmware_model.config.waveforms import Dryden
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, loop_law
-from gustproof.lti.margins import LoopMargins, margins
+from gustproof.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.lti.state_space import Matrix
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.limits import output_feedback_limit
@@ -29,6 +29,7 @@ from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import Design, Weight, load_design
+from gustproof.synthesis.levelling import level_cascade
 from gustproof.synthesis.pid.flagship import flagship_law
 from gustproof.synthesis.pid.indi import indi_law
 from gustproof.synthesis.pid.pid_baseline import baseline_pid, tune_baseline
@@ -50,6 +51,8 @@ _MORE_SLEW, _MORE_PEAK, _HALVINGS = (1.5, 2.5, 5.0, 10.0), (1.1, 1.25, 1.5), 3
 """[-] factors on a slew or a peak that could not be met; halvings of the interval of slew, once one is met."""
 _MOMENT_WEIGHT = 0.02
 """[1/(N*m)] initial `W_m` of yaw in the design of `hinf`."""
+_UNLEVELLED = 0.999
+"""[-] share of sensitivity and slew for the cascade: levelling adds a little to both."""
 _SLEWS, _PEAKS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), (1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0)
 """[-] slews over the law's, and peaks, of the trade-off's points."""
 _SEEDS = (1, 2, 3)
@@ -71,7 +74,7 @@ class LawKind(StrEnum):
     INDI = "indi"
     """Incremental nonlinear dynamic inversion."""
     AIDED = "aided"
-    """Self-scheduled H-infinity law that is levelled by the accelerometer."""
+    """The flagship's cascade, levelled by the accelerometer."""
     HINF = "hinf"
     """Self-scheduled H-infinity law of gyros alone, weighted by the gusts' spectrum."""
     HINF_RATES = "hinf-rates"
@@ -82,8 +85,8 @@ class LawKind(StrEnum):
 class Tuning:
     """A tuned law with its price and the least error at that price."""
 
-    kind: LawKind
-    """Structure."""
+    kind: str
+    """Structure, a `LawKind` or a baseline."""
     law: Law
     """Law, named after structure and vehicle."""
     vehicle: str
@@ -133,10 +136,10 @@ class Tuning:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Task:
+class TuningTask:
     """Vehicle, turbulence and limits of a tuning."""
 
-    kind: LawKind
+    kind: str
     """Structure."""
     vehicle: Vehicle
     """Nominal vehicle."""
@@ -153,6 +156,21 @@ class _Task:
     def name(self) -> str:
         """Name of the law."""
         return f"{self.kind}-{self.vehicle.name}"
+
+    def least(self, limits: TuningLimits) -> float:
+        """Return the least error [rad] of linear gyro-only laws at a sensitivity peak and a slew.
+
+        Raises
+        ------
+        DesignError
+            If the limits are too tight for the vehicle.
+        """
+        models = axis_models(self.vehicle, self.scenario)
+        return linear_laws(models, around=limits.slew).minimize_error(limits.sensitivity_peak, limits.slew).rmse
+
+
+Maker = Callable[[TuningTask, TuningLimits], Law]
+"""Search of a law within limits; raises DesignError if there is none."""
 
 
 def default_slew(vehicle: Vehicle, scenario: Scenario) -> float:
@@ -219,23 +237,41 @@ def tune_law(
     >>> f"{tuning.law.name}: Ms {tuning.Ms:.2f}, {tuning.slew:.1f} N m/s"
     'pid-iris: Ms 1.40, 8.1 N m/s'
     """
+    chosen = LawKind(kind)
+    task = make_task(chosen, vehicles, scenario, slew=slew, sensitivity_peak=sensitivity_peak, progress=progress)
+    if chosen is LawKind.HINF_RATES:
+        return _tune_rates(task)
+    law, limits = find_law(task, _MAKERS[chosen], is_quick=chosen in _CASCADES)
+    if chosen is LawKind.FLAGSHIP:
+        law, limits = _add_margins(task, law, limits)
+    return judge_tuned(task, law, limits)
+
+
+def make_task(
+    kind: str,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+    *,
+    slew: float | None,
+    sensitivity_peak: float,
+    progress: Progress,
+) -> TuningTask:
+    """Return the task to tune a structure; the arguments are those of `tune_law`.
+
+    Raises
+    ------
+    DesignError
+        See `wanted_slew`.
+    """
     price = wanted_slew(vehicles.nominal, scenario, slew, sensitivity_peak)
-    task = _Task(
-        kind=LawKind(kind),
+    return TuningTask(
+        kind=kind,
         vehicle=vehicles.nominal,
         corners=file_corners(vehicles),
         scenario=scenario,
         limits=TuningLimits(sensitivity_peak=sensitivity_peak, slew=price),
         progress=progress,
     )
-    if task.kind is LawKind.HINF_RATES:
-        return _tune_rates(task)
-    progress(0.1, "least error")
-    law, limits = _tune(task)
-    if task.kind is LawKind.FLAGSHIP:
-        law, limits = _add_margins(task, law, limits)
-    progress(0.95, "figures")
-    return _judge(task, law, limits)
 
 
 def file_corners(vehicles: VehicleSet) -> list[Vehicle]:
@@ -280,30 +316,21 @@ def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins
     ValueError
         If the loop is unstable.
     """
-    axes = margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law)).input
-    return _worst(axes)
-
-
-def _worst(axes: Sequence[LoopMargins]) -> LoopMargins:
-    return LoopMargins(
-        crossover=max(axis.crossover for axis in axes),
-        phase_margin=min(axis.phase_margin for axis in axes),
-        gain_margin=min(axis.gain_margin for axis in axes),
-        gain_reduction_margin=max(axis.gain_reduction_margin for axis in axes),
-        delay_margin=min(axis.delay_margin for axis in axes),
-        Ms=max(axis.Ms for axis in axes),
-    )
+    axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
+    return worst_loop(axes)
 
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else value
 
 
-def _make_aided(task: _Task, limits: TuningLimits) -> Law:
-    return _make_from_design(load_design("aided"), task, limits)
+def _make_aided(task: TuningTask, limits: TuningLimits) -> Law:
+    less = replace(limits, sensitivity_peak=_UNLEVELLED * limits.sensitivity_peak, slew=_UNLEVELLED * limits.slew)
+    cascade = flagship_law(task.vehicle, task.scenario, name=task.name, limits=less, corners=task.corners)
+    return level_cascade(cascade, task.vehicle, task.scenario)
 
 
-def _make_hinf(task: _Task, limits: TuningLimits) -> Law:
+def _make_hinf(task: TuningTask, limits: TuningLimits) -> Law:
     """Return the law of the design `aided` without its accelerometer: every axis weighted as yaw is there."""
     aided = load_design("aided")
     gust = gust_rms(axis_models(load_vehicle(aided.vehicle), task.scenario))
@@ -326,13 +353,12 @@ def _make_hinf(task: _Task, limits: TuningLimits) -> Law:
     return _make_from_design(design, task, limits)
 
 
-def _make_from_design(design: Design, task: _Task, limits: TuningLimits) -> Law:
+def _make_from_design(design: Design, task: TuningTask, limits: TuningLimits) -> Law:
     named = replace(design, name=task.name, law=task.name, gamma=None, dt=task.scenario.dt)
     return search_weights(named, task.vehicle, task.scenario, limits, task.corners)
 
 
-_Maker = Callable[[_Task, TuningLimits], Law]
-_CASCADES: dict[LawKind, _Maker] = {
+_CASCADES: dict[LawKind, Maker] = {
     LawKind.FLAGSHIP: lambda task, limits: flagship_law(
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
@@ -342,55 +368,86 @@ _CASCADES: dict[LawKind, _Maker] = {
     LawKind.INDI: lambda task, limits: indi_law(
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
+    LawKind.AIDED: _make_aided,
 }
 """Searches of a second or two."""
-_MAKERS: dict[LawKind, _Maker] = {**_CASCADES, LawKind.AIDED: _make_aided, LawKind.HINF: _make_hinf}
+_MAKERS: dict[LawKind, Maker] = {**_CASCADES, LawKind.HINF: _make_hinf}
 
 
-def _tune(task: _Task) -> tuple[Law, TuningLimits]:
+def find_law(task: TuningTask, make: Maker, *, is_quick: bool) -> tuple[Law, TuningLimits]:
     """Return the law with the least peak off nominal that is found, of those tried, and its limits.
+
+    `make` searches a law of the task within limits. If it `is_quick`, a refusal names a price that could be met.
 
     Raises
     ------
     DesignError
-        If there is none; the text says what could be met.
+        If there is none.
     """
-    for share in _CORNER_PEAKS:
-        limits = replace(task.limits, corner_peak=share * task.limits.sensitivity_peak)
-        try:
-            law = _MAKERS[task.kind](task, limits)
-            _check(task, law)
-        except DesignError as error:
-            refusal = str(error)
-        else:
-            return law, limits
-    raise DesignError(f"{refusal}{_what_could_be_met(task)}")
+    task.progress(0.1, "least error")
+    try:
+        _refuse_the_impossible(task, task.limits)
+        return _tune_off_nominal(task, make)
+    except DesignError as error:
+        raise DesignError(f"{error}{_what_could_be_met(task, make) if is_quick else ''}") from None
 
 
-def _check(task: _Task, law: Law) -> None:
-    """Refuse a law that exceeds the limits of sensitivity or slew."""
+def _refuse_the_impossible(task: TuningTask, limits: TuningLimits) -> None:
+    """Refuse, before a search, limits that no linear law of gyros alone keeps."""
+    if task.kind != LawKind.AIDED:
+        task.least(limits)
+
+
+def _tune_off_nominal(task: TuningTask, make: Maker) -> tuple[Law, TuningLimits]:
+    """Return the law with the least peak off nominal that is found, of those tried; the largest is tried second."""
+    wanted = task.limits
+    tight, *others, loose = (replace(wanted, corner_peak=share * wanted.sensitivity_peak) for share in _CORNER_PEAKS)
+    with suppress(DesignError):
+        return _make(task, make, tight), tight
+    last = _make(task, make, loose)
+    for limits in others:
+        with suppress(DesignError):
+            return _make(task, make, limits), limits
+    return last, loose
+
+
+def _make(task: TuningTask, make: Maker, limits: TuningLimits) -> Law:
+    law = make(task, limits)
+    check_price(task, law, limits)
+    return law
+
+
+def check_price(task: TuningTask, law: Law, limits: TuningLimits) -> None:
+    """Refuse a law that exceeds the limits of sensitivity or slew.
+
+    Raises
+    ------
+    DesignError
+        If it does.
+    """
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
-    peak, slew = task.limits.sensitivity_peak, task.limits.slew
+    peak, slew = limits.sensitivity_peak, limits.slew
     if predicted is None or not found.Ms <= (1.0 + _ROUNDING) * peak or not predicted.slew <= (1.0 + _ROUNDING) * slew:
         had = "" if predicted is None else f": the best had {found.Ms:.4g} and {predicted.slew:.4g}"
         raise DesignError(f"no {task.kind} found at sensitivity peak {peak:.4g} and slew {slew:.4g} N m/s{had}")
 
 
-def _what_could_be_met(task: _Task) -> str:
+def _what_could_be_met(task: TuningTask, make: Maker) -> str:
     """Return, in words, a slew or a peak near the wanted one for which there is a law; empty if none is found."""
     peak, slew = task.limits.sensitivity_peak, task.limits.slew
 
     def is_met(slew: float, peak: float) -> bool:
         task.progress(0.5, f"what could be met: slew {slew:.3g} N m/s, Ms {peak:.3g}")
+        wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
         try:
-            wanted = TuningLimits(sensitivity_peak=peak, slew=slew, corner_peak=_CORNER_PEAKS[-1] * peak)
-            _CASCADES[task.kind](task, wanted)
+            _refuse_the_impossible(task, wanted)
+            _make(task, make, wanted)
         except DesignError:
             return False
         return True
 
     low = slew
-    for factor in _MORE_SLEW if task.kind in _CASCADES else ():
+    for factor in _MORE_SLEW:
         high = factor * slew
         if is_met(high, peak):
             for _ in range(_HALVINGS):
@@ -398,13 +455,13 @@ def _what_could_be_met(task: _Task) -> str:
                 low, high = (low, middle) if is_met(middle, peak) else (middle, high)
             return f"; with this peak a slew of {high:.3g} N m/s can be met"
         low = high
-    for factor in _MORE_PEAK if task.kind in _CASCADES else ():
+    for factor in _MORE_PEAK:
         if is_met(slew, factor * peak):
             return f"; with this slew a peak of {factor * peak:.3g} can be met"
     return ""
 
 
-def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, TuningLimits]:
+def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law, TuningLimits]:
     """Return the flagship with more margins of delay and gain, as long as they cost no more than they may.
 
     They are those of the best PID at the same price, or part of the way there.
@@ -414,8 +471,7 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
     try:
         gains = tune_baseline(vehicle, scenario, task.limits)
         pid = worst_margins(baseline_pid(vehicle, scenario, limits=task.limits, gains=gains), vehicle, scenario)
-        least = linear_laws(axis_models(vehicle, scenario), around=task.limits.slew)
-        most = (1.0 + ROBUSTNESS_PRICE) * least.minimize_error(task.limits.sensitivity_peak, task.limits.slew).rmse
+        most = (1.0 + ROBUSTNESS_PRICE) * task.least(task.limits)
     except DesignError:  # nothing to measure against
         return law, limits
     own = worst_margins(law, vehicle, scenario)
@@ -426,7 +482,7 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:
             robust = flagship_law(vehicle, scenario, name=task.name, limits=wanted, corners=task.corners, pid=gains)
-            _check(task, robust)
+            check_price(task, robust, wanted)
         except DesignError:
             continue
         predicted = predict(robust, vehicle, scenario)
@@ -435,7 +491,9 @@ def _add_margins(task: _Task, law: Law, limits: TuningLimits) -> tuple[Law, Tuni
     return law, limits
 
 
-def _judge(task: _Task, law: Law, limits: TuningLimits) -> Tuning:
+def judge_tuned(task: TuningTask, law: Law, limits: TuningLimits) -> Tuning:
+    """Return a torque law that a search has found, with its price and the least error there."""
+    task.progress(0.95, "figures")
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
     assert predicted is not None  # a torque law
     models = axis_models(task.vehicle, task.scenario)
@@ -468,7 +526,7 @@ def _peak(law: Law, vehicle: Vehicle, scenario: Scenario) -> float:
         return math.inf
 
 
-def _tune_rates(task: _Task) -> Tuning:
+def _tune_rates(task: TuningTask) -> Tuning:
     """Return the law of design R1 over the identified rate loops, slowed until its sensitivity is within the limit.
 
     Error and slew are flown, as its torques are those of the vehicle's own loops.
@@ -479,7 +537,7 @@ def _tune_rates(task: _Task) -> Tuning:
     design = replace(named, rate_loop_lag=lag, dt=task.scenario.dt, gamma=None)
     for _ in range(_ROUNDS):
         law, report = derive(design, task.vehicle)
-        found = _worst(report.sampled.input)
+        found = worst_loop(report.sampled.input)
         if found.Ms <= task.limits.sensitivity_peak:
             break
         design = replace(design, W_u=scale(design.W_u, np.full(3, 1.3)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import scipy.optimize
@@ -21,13 +22,11 @@ from gustproof.synthesis.pid.tuning import TuningLimits
 
 _SLOWEST, _GRID = 0.03, 300
 """[rad/s] lowest, and number, of the frequencies at which the sensitivity peak is limited."""
-_PENALTY = 30.0
-"""[-] growth of the cost's logarithm per relative excess over a limit."""
-_KEPT_BACK = 3e-3
-"""[-] share of each limit that the search leaves: the penalty is not a wall."""
-_NO_LAW = 1e3
-"""Cost without a stable law."""
-_EVALUATIONS = 160
+_KEPT_BACK = 1e-3
+"""[-] share of each limit that the search leaves, for what is between two frequencies."""
+_NO_LAW = 5.0
+"""Cost without a stable law, and what it lacks: logarithms beyond those of any law, but near enough to leave it."""
+_EVALUATIONS = 120
 
 
 def gust_rms(models: Sequence[AxisModel]) -> Matrix:
@@ -40,8 +39,8 @@ def search_weights(
 ) -> Law:
     """Return the law of a torque design with the weights of gust, command and moment scaled for the vehicle.
 
-    One factor for each weight: Nelder and Mead's simplex on their logarithms. Initially the weights are in proportion
-    to the gusts of the vehicle over those of the design's own. The same law every time.
+    One factor for each weight: Powell's linear approximations (COBYLA) on their logarithms. Initially the weights are
+    in proportion to the gusts of the vehicle over those of the design's own. The same law every time.
 
     Raises
     ------
@@ -70,25 +69,33 @@ def search_weights(
         )
         return make_law(scaled, vehicle, solve_central(scaled, design_problem(scaled, vehicle)))
 
-    def cost(factors: Matrix) -> float:
+    @cache  # the search asks for error and room at the same factors
+    def figures(factors: tuple[float, ...]) -> tuple[float, Matrix]:
         try:
-            law = law_at(factors)
+            law = law_at(np.array(factors))
         except DesignError:
-            return _NO_LAW
+            return _NO_LAW, np.full(1 + len(plants), -_NO_LAW)
         if not all(is_stable_at_hover(law, each, scenario) for each in (vehicle, *corners)):
-            return _NO_LAW
+            return _NO_LAW, np.full(1 + len(plants), -_NO_LAW)
         found = predict(law, vehicle, scenario)
         assert found is not None  # a torque law
         K = loop_law(law).response(omega)
         S = [1.0 / np.abs(1.0 - np.diagonal(K @ G, axis1=1, axis2=2)) for G in plants]
         excess = [found.slew / limits.slew, *(float(np.max(s)) / peak for s, peak in zip(S, peaks, strict=True))]
-        return math.log(found.rmse) + _PENALTY * sum(max(each / (1.0 - _KEPT_BACK) - 1.0, 0.0) for each in excess)
+        return math.log(found.rmse), -np.log(excess) - _KEPT_BACK
+
+    def error(factors: Matrix) -> float:
+        return figures(tuple(factors.tolist()))[0]
+
+    def room(factors: Matrix) -> Matrix:
+        return figures(tuple(factors.tolist()))[1]
 
     best = scipy.optimize.minimize(
-        cost,
+        error,
         np.zeros(3),
-        method="Nelder-Mead",
-        options={"maxfev": _EVALUATIONS, "initial_simplex": 0.7 * np.eye(4, 3, -1), "xatol": 1e-3, "fatol": 1e-4},
+        method="COBYLA",
+        constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf),
+        options={"rhobeg": 0.7, "maxiter": _EVALUATIONS, "tol": 1e-3},
     )
     if best.fun >= _NO_LAW:
         raise DesignError(f"design {design.name}: no weights stabilise vehicle '{vehicle.name}'")

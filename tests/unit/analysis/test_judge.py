@@ -23,7 +23,7 @@ from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 from gustproof.synthesis.tune import default_slew
 
-pytestmark = [pytest.mark.compiled, pytest.mark.long]
+pytestmark = pytest.mark.compiled
 
 AIR = load_scenario("paper-turbulence")
 PAPER = load_vehicle_set("paper")

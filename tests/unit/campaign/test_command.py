@@ -85,6 +85,30 @@ def test_a_campaign_that_is_flown_is_not_flown_again_and_another_one_not_over_it
     )
 
 
+def test_a_table_grows_by_runs_and_laws_and_tells_so(command):
+    assert command("-o", "mc.parquet").exit_code == 0
+    grown = command("-o", "mc.parquet", "--law", "pid-fair", "--csv", "mc.csv", "--latex", "mc.tex")
+    assert grown.exit_code == 0, grown.stderr
+    assert grown.stderr == "gustproof: mc.parquet: 5 of 10 runs are there\n"
+    assert [Path(name).stat().st_size > 0 for name in ("mc.csv", "mc.tex")] == [True, True]
+    again = command("-o", "mc.parquet")
+    assert again.stderr == "gustproof: mc.parquet: all 10 runs are there\n"
+    refused = command("-o", "mc.parquet", "--csv", "mc.txt")
+    assert (refused.exit_code, "mc.txt: a table of figures ends in .csv" in refused.stderr) == (2, True)
+
+
+def test_a_rare_event_takes_no_table(command):
+    for options, complaint in (
+        (("--rare", "peak_deg"), "must be a figure and its limit"),
+        (("--rare", "peak_deg > 1", "-o", "mc.parquet"), "mc.parquet: a scenario file ends in .toml"),
+        (("--rare", "peak_deg > 1", "--csv", "mc.csv"), "--rare: flies no table"),
+        ((), "give -o, the file for the table (.parquet)"),
+    ):
+        refused = command(*options)
+        assert (refused.exit_code, complaint in refused.stderr) == (2, True)
+        assert len(refused.stderr.splitlines()) == 1
+
+
 def test_what_is_drawn_by_default_is_gusts_and_what_the_file_has(command, tmp_path):
     quad = tmp_path / "quad.toml"
     quad.write_text((VEHICLES / "iris.toml").read_text())

@@ -1,3 +1,4 @@
+import csv
 import json
 import math
 from dataclasses import replace
@@ -15,6 +16,7 @@ from gustproof.campaign.statistics import compute_statistics
 from gustproof.campaign.worker import FIGURES, ChunkResult, failed_rows
 from gustproof.report.campaign import format_comparisons, render_campaign
 from gustproof.report.html.campaign_page import render_campaign_page
+from gustproof.report.summary_files import save_csv, save_latex
 from gustproof.report.terminal import save_text
 
 CASES = 400
@@ -110,6 +112,40 @@ def test_laws_are_compared_case_by_case(table):
     assert next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line).startswith(
         "RMSE: hinf-d1 is below pid-fair in 0 % (0 .. "
     )
+
+
+def test_differences_case_by_case_have_intervals_and_an_effect_size(table):
+    duel = next(duel for duel in compute_statistics(table).duels if duel.figure == "rmse_deg")
+    one, other = np.array(pq.read_table(table)["rmse_deg"].to_pylist(), dtype=float).reshape(2, -1)
+    differences = (one - other)[np.isfinite(one - other)]
+    assert duel.difference.value == pytest.approx(np.mean(differences))
+    assert duel.effect == pytest.approx(np.mean(differences) / np.std(differences, ddof=1))
+    assert duel.difference.low < duel.difference.value < duel.difference.high
+    line = next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line)
+    assert f"mean difference {duel.difference.value:.4g} (" in line
+    assert f" deg, effect size {duel.effect:.4g}" in line
+
+
+def test_figures_are_written_for_a_spreadsheet_and_for_a_paper(table, tmp_path):
+    found = compute_statistics(table)
+    save_csv(found, tmp_path / "mc.csv")
+    with (tmp_path / "mc.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    figure = found.laws[1].figures["rmse_deg"]
+    row = next(row for row in rows if (row["law"], row["figure"]) == ("pid-fair", "rmse_deg"))
+    assert (row["unit"], float(row["p95"]), int(row["worst_run"])) == (
+        "deg", figure.quantiles["p95"].value, figure.worst[0].run,
+    )  # fmt: skip
+    duel = next(row for row in rows if row["figure"] == "rmse_deg less that of pid-fair")
+    assert float(duel["effect_size"]) > 0.0
+    assert all(None not in row and None not in row.values() for row in rows)  # each row has all columns
+    assert sum(row["figure"] == "met: all requirements" for row in rows) == 2
+    save_latex(found, tmp_path / "mc.tex")
+    text = (tmp_path / "mc.tex").read_text()
+    body = [line for line in text.splitlines() if line.endswith(r"\\")]
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
+    assert {line.count(" & ") for line in body} == {4}
+    assert "∞" not in text
 
 
 def test_the_document_is_json_without_what_json_has_not(table):

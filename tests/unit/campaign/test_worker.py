@@ -7,11 +7,14 @@ from firmware_model.config.events import Payload
 from firmware_model.config.link_faults import Delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import DispersionKind
+from gustproof.campaign.plan import DispersionKind, parse_campaign
+from gustproof.campaign.rerun import CampaignRun
 from gustproof.campaign.worker import FIGURES, Chunk, fly_chunk
+from gustproof.entries.entry import parse_entry
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
+from gustproof.simulate.pilots import fly_pilot
 
 pytestmark = pytest.mark.compiled
 
@@ -73,3 +76,40 @@ def test_a_worker_of_another_version_refuses(planned):
     note["versions"] = {**note["versions"], "numpy": "1.0"}
     with pytest.raises(ConfigError, match=r"a worker has other versions than the campaign: .*'numpy': '1\.0'"):
         fly_chunk(json.dumps(note), Chunk(0, 1))
+
+
+LOSES_ITSELF = """
+import numpy as np
+
+class Loses:
+    def __init__(self, vehicle):
+        self.inertia = vehicle.inertia_B[0]
+    def reset(self):
+        self.angle = np.zeros(3)
+    def step(self, gyro, reference, force, dt):
+        self.angle += gyro * dt
+        if self.inertia != 0.25 or gyro[0] > 2e-3:
+            raise ValueError("lost")
+        return -15.0 * self.angle - 3.0 * gyro
+make = Loses
+"""
+
+
+def test_an_entry_flies_beside_laws_and_its_failures_are_results(planned, tmp_path):
+    (tmp_path / "mine.py").write_text(LOSES_ITSELF)
+    entry = parse_entry(f"{tmp_path}/mine.py:make")
+    plan = planned(laws=("hinf-d1",), cases=12)
+    campaign = replace(plan, laws=(*plan.laws, entry))
+    rows = flown(campaign, first=12)
+    failed = [row["failure"] is not None for row in rows]
+    assert 0 < sum(failed) < 12
+    assert {row["law"] for row in rows} == {"mine"}
+    assert all("raised ValueError: lost (mine.py:12)" in row["failure"] for row in rows if row["failure"])
+    assert [row["rmse_deg"] is None for row in rows] == failed
+    again = CampaignRun(tmp_path / "mc.parquet", campaign, rows[failed.index(False)]).plan
+    flight = fly_pilot(again.scenario, again.pilot, vehicle=again.vehicle, seed=again.seed, nominal=again.nominal)
+    figures = measure(flight.records, again.vehicle, again.scenario, 0.0)
+    assert figures.rmse_deg == rows[failed.index(False)]["rmse_deg"]
+    (tmp_path / "mine.py").write_text(LOSES_ITSELF + "\n")
+    with pytest.raises(ConfigError, match=r"campaign: controller .* has changed"):
+        parse_campaign(campaign.metadata(), "campaign")

@@ -80,13 +80,16 @@ def fly(
     vehicle: Vehicle = VEHICLE,
 ) -> Flight:
     """Fly by Euler's equations in Runge-Kutta steps; `moments` of sample and fraction of it, held over a substep."""
-    inertia, lag = np.array(vehicle.inertia_B), vehicle.actuator_lag
+    (I_x, I_y, I_z), (d_x, d_y, d_z), lag = vehicle.inertia_B, vehicle.rate_damping_B, vehicle.actuator_lag
     rng = np.random.default_rng(seed)
 
-    def derivative(s, u, d):
-        E, omega, torque = s[:3], s[3:6], s[6:]
-        turn = (torque + d - np.cross(omega, inertia * omega)) / inertia - np.array(vehicle.rate_damping_B) * omega
-        return np.concatenate([kinematics(E, omega), turn, (u - torque) / lag])
+    def derivative(s, u, moment):
+        phi, theta, psi, p, q, r, *torque = s.tolist()
+        L, M, N = (a + b for a, b in zip(torque, moment.tolist(), strict=True))
+        turn = (L - (I_z - I_y) * q * r) / I_x - d_x * p, (M - (I_x - I_z) * r * p) / I_y - d_y * q
+        turn += ((N - (I_y - I_x) * p * q) / I_z - d_z * r,)
+        held = [(a - b) / lag for a, b in zip(u.tolist(), torque, strict=True)]
+        return np.array([*kinematics((phi, theta, psi), (p, q, r)), *turn, *held])
 
     s, x, last = np.zeros(9), np.zeros(law.order), np.zeros(3)
     largest = np.zeros((5, 3))
@@ -107,8 +110,9 @@ def fly(
 
 
 def kinematics(E, omega):
-    turn = (np.sin(E[0]) * omega[1] + np.cos(E[0]) * omega[2]) / np.cos(E[1])
-    return np.array([omega[0] + np.sin(E[1]) * turn, np.cos(E[0]) * omega[1] - np.sin(E[0]) * omega[2], turn])
+    sine, cosine = math.sin(E[0]), math.cos(E[0])
+    turn = (sine * omega[1] + cosine * omega[2]) / math.cos(E[1])
+    return np.array([omega[0] + math.sin(E[1]) * turn, cosine * omega[1] - sine * omega[2], turn])
 
 
 def kernels(law: Law, axis: int, samples: int, vehicle: Vehicle = VEHICLE) -> tuple[np.ndarray, np.ndarray]:

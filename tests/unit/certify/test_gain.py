@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -38,6 +39,7 @@ def certificate() -> Certificate:
     return certify_lft(lag(0.5), assumes={"plant": "a lag"})
 
 
+@cache
 def controller(name: str) -> Lti:
     return hinfsyn(design_problem(load_design(name), VEHICLE).plant(), 3, 3, gamma=0.25).controller
 
@@ -203,19 +205,22 @@ def test_what_is_proved_of_a_derived_loop_is_true_of_it(certificate):
     assert judge(speeds=[1.0]).accepted  # the evidence holds at any speed
 
 
+@pytest.fixture(scope="module")
+def slow_lag() -> Certificate:
+    return certify_lft(lag(0.5), assumes={}, speeds={"rate": 1.0})
+
+
 @pytest.mark.parametrize(("speed", "accepted"), [(0.99, True), (1.0, True), (1.0 + 2.0**-50, False), (None, False)])
-def test_a_loop_faster_than_its_evidence_is_refused(speed, accepted):
-    certificate = certify_lft(lag(0.5), assumes={}, speeds={"rate": 1.0})
-    verdict = check(json.dumps(certificate.to_dict()), loop=derived_loop(lag(0.5), None)._replace(speeds=[speed]))
+def test_a_loop_faster_than_its_evidence_is_refused(slow_lag, speed, accepted):
+    verdict = check(json.dumps(slow_lag.to_dict()), loop=derived_loop(lag(0.5), None)._replace(speeds=[speed]))
     assert verdict.accepted is accepted
     if not accepted:
         assert "rate of the derived loop is faster" in verdict.reason
 
 
-def test_the_forms_of_a_ball_hold_those_of_every_system_in_it():
+def test_the_forms_of_a_ball_hold_those_of_every_system_in_it(certificate):
     """Of random systems in the ball, at its corners, none leaves the form's ball; and one comes near its edge."""
-    certificate, share = certify_lft(lag(0.5), assumes={}), Fraction(1, 64)
-    evidence, rng = certificate.evidence, np.random.default_rng(3)
+    evidence, share, rng = certificate.evidence, Fraction(1, 64), np.random.default_rng(3)
     level = Fraction(evidence["level"])
     form = gain_inequality(level, evidence, share)
     inverse = np.linalg.inv(np.array(evidence["coordinates"]))

@@ -43,7 +43,8 @@ def end_flight(monkeypatch):
     """Return what ends each flight in an outcome with these records; by default it is flown without processes."""
 
     def end(records=None, outcome=FlightOutcome.DONE):
-        def fly(scenario, law, *, vehicle, seed, out, **_):
+        def fly(plan, out, **_):
+            scenario, law, vehicle, seed, *_ = plan
             (journal := out / f"{scenario.name}.journal").touch()
             flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed) if records is None else records
             return Flight(
@@ -51,7 +52,7 @@ def end_flight(monkeypatch):
                 message="it ended", realtime_factor=9.0, timing=None, journal=journal,
             )  # fmt: skip
 
-        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+        monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
 
     return end
 
@@ -195,10 +196,10 @@ def test_a_level_can_be_asked_for_either_way():
 
 
 def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatch):
-    def fly(scenario, law, *, out, **_):
-        raise FlightError(f"{law.name} was asked to fly {scenario.name}")
+    def fly(plan, out, **_):
+        raise FlightError(f"{plan.pilot.name} was asked to fly {plan.scenario.name}")
 
-    monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+    monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
     result = run("fly", "calm", "--out", str(tmp_path / "out"))
     assert "flagship was asked to fly calm" in one_line(result)
     assert "[flagship" in run("controller", "--help").stdout

@@ -83,7 +83,8 @@ def flown(tmp_path, monkeypatch, second):
     """Take the `second` for the flight of a scenario's text; `samples` of it if it breaks off."""
 
     def run_it(text: str, *options: str, outcome: FlightOutcome = FlightOutcome.DONE, samples: int | None = None):
-        def fly(scenario, law, *, vehicle, seed, out, **_):
+        def fly(plan, out, **_):
+            scenario, law, vehicle, seed, *_ = plan
             (out / "journal").touch()
             return Flight(
                 scenario=scenario,
@@ -98,7 +99,7 @@ def flown(tmp_path, monkeypatch, second):
                 journal=out / "journal",
             )
 
-        monkeypatch.setattr("gustproof.simulate.recorder.fly", fly)
+        monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
         (tmp_path / "mine.toml").write_text(text)
         return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--out", str(tmp_path / "out"), *options)
 

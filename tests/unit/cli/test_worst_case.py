@@ -34,6 +34,11 @@ def test_what_is_found_is_printed_and_left_as_a_scenario(tmp_path: Path):
     assert f"gustproof fly {path} --law hinf-d1" in result.stdout
     assert load_scenario(path).moment
     assert [entry.name for entry in tmp_path.iterdir()] == ["worst.toml"]
+    shrunk = run(*SHORT, "-o", str(path), "--limit", "3")
+    assert "smallest that gives 3.00 deg: 3." in shrunk.stdout
+    assert f"gustproof fly {tmp_path / 'worst-smallest.toml'} --law hinf-d1" in shrunk.stdout
+    assert len(load_scenario(tmp_path / "worst-smallest.toml").moment) < len(load_scenario(path).moment)
+    assert "not shrunk: the worst flight found does not reach 170 deg" in run(*SHORT, "--limit", "170").stdout
 
 
 @pytest.mark.compiled
@@ -56,6 +61,9 @@ def test_a_changed_vehicle_is_left_beside_its_scenario(tmp_path: Path):
         (("hinf-d1", "--moment", "1,2,0"), "must be positive"),
         (("hinf-d1", "--moment", "1,2,nan"), "must be positive"),
         (("hinf-d1", "-o", "worst.json"), "ends in .toml"),
+        ((), "give a law, or --controller, and not both"),
+        (("hinf-d1", "--controller", "mine.py:make"), "give a law, or --controller, and not both"),
+        (("--controller", "mine.py:make"), "controller 'mine.py:make': No such file or directory"),
         (("hinf-d1", "-o", "/nowhere/worst.toml"), "/nowhere: no such folder"),
     ],
 )

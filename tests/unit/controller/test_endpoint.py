@@ -759,13 +759,19 @@ def test_words_of_the_autopilot_and_its_fail_safe_are_told():
     ]
 
 
-def test_unknown_height_is_told_with_the_way_out():
+@pytest.mark.parametrize(
+    ("law", "option", "words"),
+    [
+        ("hinf-rates", "hold_height", "LOCAL_POSITION_NED; --height free needs no height"),
+        ("flagship", "correct_attitude", "ATTITUDE; --attitude own starts level without it"),
+    ],
+)
+def test_what_is_missing_is_told_with_the_way_out(law, option, words):
     autopilot = Autopilot()
-    autopilot.endpoint = ControllerEndpoint(load_law("hinf-rates"), VEHICLE, hold_height=True)
+    autopilot.endpoint = ControllerEndpoint(load_law(law), VEHICLE, **{option: True})
     autopilot.reach(Phase.READING)
     autopilot.say(accepted(INTERVAL), *parameters())
-    words = "the autopilot does not send LOCAL_POSITION_NED; --height free needs no height"
-    assert give_up(autopilot, 4000) == words
+    assert give_up(autopilot, 4000) == f"the autopilot does not send {words}"
 
 
 @pytest.mark.parametrize("law", ["flagship", "hinf-scheduled", "aided", "pid-fair"])
@@ -788,15 +794,6 @@ def test_torque_law_takes_over_only_with_attitude_and_starts_at_it(law):
     assert answer.controls[0] < -0.05  # rolled to the right, pitched down: it turns back and keeps its heading
     assert answer.controls[1] > 0.03
     assert abs(answer.controls[2]) < 0.2  # to turn north it would take all there is
-
-
-def test_missing_attitude_is_told_with_the_way_out():
-    autopilot = Autopilot()
-    autopilot.endpoint = ControllerEndpoint(load_law("flagship"), VEHICLE, correct_attitude=True)
-    autopilot.reach(Phase.READING)
-    autopilot.say(accepted(INTERVAL), *parameters())
-    words = "the autopilot does not send ATTITUDE; --attitude own starts level without it"
-    assert give_up(autopilot, 4000) == words
 
 
 def test_law_without_an_estimate_tells_what_it_holds_as_level():

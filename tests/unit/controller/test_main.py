@@ -4,7 +4,7 @@ import io
 import json
 import signal
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -25,14 +25,7 @@ ADDRESS = "127.0.0.1:9"
 VEHICLE, CONTROLLER = (0, ("127.0.0.1", 9)), (0, ("127.0.0.1", 2))
 
 
-@pytest.fixture(autouse=True)
-def _handlers_and_collector_stay(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(command.realtime, "freeze_gc", lambda **_: None)
-    monkeypatch.setattr(command.realtime, "request_fifo_scheduling", lambda: False)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
+pytestmark = pytest.mark.usefixtures("handlers_and_collector_stay")
 
 
 @pytest.fixture

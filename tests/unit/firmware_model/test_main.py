@@ -2,7 +2,6 @@
 
 import json
 import signal
-from collections.abc import Iterator
 
 import pytest
 
@@ -20,14 +19,7 @@ VEHICLE, CONTROLLER = (0, ("127.0.0.1", 1)), (0, ("127.0.0.1", 2))
 SCENARIO = 'description = "a moment of calm"\nduration_s = 0.2\n'
 
 
-@pytest.fixture(autouse=True)
-def _handlers_and_collector_stay(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(command.realtime, "freeze_gc", lambda **_: None)
-    monkeypatch.setattr(command.realtime, "request_fifo_scheduling", lambda: False)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
+pytestmark = pytest.mark.usefixtures("handlers_and_collector_stay")
 
 
 def fly_by_law(endpoint: udp.Endpoint, *_: object) -> None:

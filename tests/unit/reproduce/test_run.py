@@ -27,7 +27,8 @@ def shortened(name):
 def direct(lost: str = ""):
     """Return what flies instead of two processes; the controller of the law `lost` is lost."""
 
-    def fly(scenario, law, *, vehicle, seed, out, progress, **_):
+    def fly(plan, out, *, progress, **_):
+        scenario, law, vehicle, seed, *_ = plan
         journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
         journal.touch()
         progress(1.0)
@@ -52,7 +53,7 @@ def campaign(tmp_path_factory):
     """One campaign of a second each with two seeds: its result, its folder, and the progress that was told."""
     out, told = tmp_path_factory.mktemp("campaign"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recorder, "fly", direct())
+        patch.setattr(recorder, "fly_plan", direct())
         patch.setattr(run, "load_scenario", shortened)
         patch.setattr(placement, "PEAKS", (1.36,))
         patch.setattr(placement, "SLEWS", (20.0,))
@@ -98,7 +99,7 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
 
 
 def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "fly", direct(lost="hinf-d2"))
+    monkeypatch.setattr(recorder, "fly_plan", direct(lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
     monkeypatch.setattr(run, "performance_limits", lambda *_: (None, None))
     monkeypatch.setattr(run, "axis_robustness", lambda *_: ())

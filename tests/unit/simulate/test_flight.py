@@ -40,7 +40,7 @@ HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
 
 @pytest.fixture(scope="module")
 def records():
-    flown = fly_direct(SHORT, PLAN.law, vehicle=PLAN.vehicle, seed=7).copy()
+    flown = fly_direct(SHORT, PLAN.pilot, vehicle=PLAN.vehicle, seed=7).copy()
     flown["mode"] = 6 << 16
     return flown
 
@@ -55,7 +55,7 @@ def write_journal(folder, records, header=None):
 def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
     back = parse_plan(json.loads(json.dumps(PLAN.metadata())), "here")
     assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
-    assert back.law.to_dict() == PLAN.law.to_dict()
+    assert back.pilot.to_dict() == PLAN.pilot.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_check_refuses_a_body_that_can_not_be_before_and_after_a_payload():
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
     flown = Flight(
-        scenario=replace(SHORT, event=event), law=PLAN.law, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
+        scenario=replace(SHORT, event=event), law=PLAN.pilot, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
         message="", records=records, timing={"missed_samples": missed},
     )  # fmt: skip
     assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.to_dict()["warnings"]) is warned
@@ -219,5 +219,6 @@ def test_the_first_bit_that_differs_is_found_and_a_shorter_flight_is_no_differen
     other = records.copy()
     assert first_difference_s(records, other) is None
     assert first_difference_s(records, other[:20]) is None
+    assert first_difference_s(records, other[:0]) is None
     other["gyro_B"][33, 1] = np.nextafter(other["gyro_B"][33, 1], 1.0)
     assert first_difference_s(records, other) == pytest.approx(33 * 0.004)

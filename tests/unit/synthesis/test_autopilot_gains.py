@@ -19,7 +19,7 @@ from gustproof.performance.predict import predict
 from gustproof.synthesis.autopilot_gains import AutopilotTuning, corner_vehicles, save_tuning, tune_gains
 
 SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
-pytestmark = [pytest.mark.slow, pytest.mark.long]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module", params=AUTOPILOTS)
@@ -77,8 +77,12 @@ def test_a_gain_changed_for_less_error_breaks_a_limit(tuning: AutopilotTuning) -
     assert better
 
 
-def test_the_same_vehicle_has_the_same_gains(tuning: AutopilotTuning) -> None:
-    assert tune_gains(tuning.kind, VEHICLES, SCENARIO, slew=7.0).parameters == tuning.parameters
+def test_the_same_vehicle_has_the_same_gains_and_the_search_tells_how_far_it_is(tuning: AutopilotTuning) -> None:
+    told = list[float]()
+    again = tune_gains(tuning.kind, VEHICLES, SCENARIO, slew=7.0, progress=lambda share, _: told.append(share))
+    assert again.parameters == tuning.parameters
+    assert told == sorted(told)
+    assert 0.0 == told[0] <= told[-1] < 1.0
 
 
 def test_its_file_is_read_as_its_law(tuning: AutopilotTuning, tmp_path: Path) -> None:

@@ -9,10 +9,20 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set, make_vehicle_set
 from gustproof.errors import DesignError
+from gustproof.law.form import load_law
 from gustproof.law.hover import hover_plant, loop_law
 from gustproof.lti.margins import margins
 from gustproof.performance.predict import predict
-from gustproof.synthesis.tune import ROBUSTNESS_PRICE, default_slew, file_corners, least_errors, tune_law
+from gustproof.synthesis import tune
+from gustproof.synthesis.levelling import level_cascade
+from gustproof.synthesis.tune import (
+    ROBUSTNESS_PRICE,
+    default_slew,
+    file_corners,
+    least_errors,
+    tune_law,
+    worst_margins,
+)
 
 AIR = load_scenario("paper-turbulence")
 
@@ -70,9 +80,27 @@ def test_without_turbulence_nothing_is_tuned():
         tune_law("pid", load_vehicle_set("iris"), load_scenario("calm"))
 
 
+def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
+    """From .02: .03 and .05 are refused, .1 is met; of the halvings .0707 is met, .0595 and .0648 are refused."""
+
+    def make(task, limits):
+        if limits.slew < 0.07:
+            raise DesignError("no law")
+
+    for check in ("_refuse_the_impossible", "check_price"):
+        monkeypatch.setattr(tune, check, lambda *_: None)
+    for makers in (tune._CASCADES, tune._MAKERS):
+        monkeypatch.setitem(makers, tune.LawKind.PID, make)
+    with pytest.raises(DesignError, match=r"no law; with this peak a slew of 0\.0707 N m/s can be met"):
+        tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
+
+
 @pytest.mark.slow
 def test_a_price_that_cannot_be_met_is_refused_with_one_that_can():
-    with pytest.raises(DesignError, match=r"no cascade found .*; with this peak a slew of [\d.]+ N m/s can be met"):
+    with pytest.raises(
+        DesignError,
+        match=r"no law holds attitude in .* at slew 0\.02 .*; with this peak a slew of [\d.]+ N m/s can be met",
+    ):
         tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
 
 
@@ -95,7 +123,6 @@ def test_a_cascade_for_any_vehicle_keeps_its_price(kind, mass, lag):
     judge(tune_law(kind, vehicles, AIR), vehicles, default_slew(vehicles.nominal, AIR))
 
 
-@pytest.mark.long
 @pytest.mark.slow
 def test_the_flagship_for_any_vehicle_is_near_the_least_error():
     vehicles = scaled(mass=25.0, lag=0.11)
@@ -114,19 +141,34 @@ def test_the_same_vehicle_has_the_same_law():
     assert first.provenance.vehicle == "iris"
 
 
-@pytest.mark.long
+def test_levelling_keeps_the_loop_and_ends_the_walk():
+    """The attitudes of gyro and gravity are complementary: margins stay, the gyro's noise adds up no more."""
+    vehicle, law = load_vehicle_set("paper").nominal, load_law("flagship")
+    level = level_cascade(law, vehicle, AIR)
+    own, other = (worst_margins(each, vehicle, AIR) for each in (law, level))
+    assert other.Ms == pytest.approx(own.Ms, rel=1e-3)
+    assert other.gain_margin == pytest.approx(own.gain_margin, rel=1e-3)
+    assert other.delay_margin == pytest.approx(own.delay_margin, rel=5e-3)
+    short, long = (replace(AIR, duration_s=seconds) for seconds in (60.0, 240.0))
+    walked, levelled = ([predict(each, vehicle, air).axes_rmse for air in (short, long)] for each in (law, level))
+    assert walked[1][0] > 1.5 * walked[0][0]
+    assert levelled[1][0] < 1.02 * levelled[0][0] < 0.65 * walked[0][0]
+    assert levelled[0][2] == walked[0][2]
+    assert level.provenance.parameters["foretold_rmse_deg"] == math.degrees(predict(level, vehicle, AIR).rmse)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "peak"), [("aided", 1.4), ("hinf", 1.5)])
-def test_weights_of_a_design_are_found_for_another_vehicle(kind, peak):
+@pytest.mark.parametrize(("kind", "peak", "most"), [("aided", 1.4, 0.75), ("hinf", 1.5, 1.25), ("hinf", 1.4, 4.0)])
+def test_a_law_levelled_or_of_a_design_is_found_for_another_vehicle(kind, peak, most):
+    """The design is poor at 1.4: its weights have no more than three factors for a vehicle's three axes."""
     vehicles = load_vehicle_set("iris")
     tuning = tune_law(kind, vehicles, AIR, sensitivity_peak=peak)
     assert tuning.law.uses_accelerometer == (kind == "aided")
     assert tuning.Ms <= peak
     assert tuning.slew <= default_slew(vehicles.nominal, AIR)
-    assert tuning.rmse <= 2.0 * tuning.least_rmse
+    assert tuning.rmse <= most * tuning.least_rmse
 
 
-@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.compiled
 def test_a_law_of_rates_is_made_for_the_vehicle_s_own_loops():

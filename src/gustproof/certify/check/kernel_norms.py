@@ -49,6 +49,8 @@ UP = 1.0 + 2.0**-40
 _ULP = 2.0**-52
 _DIVERGED = 1e30
 """Size of a state after a unit input that shows an unstable loop early."""
+_WATCH = 64
+"""Samples from one look at that size to the next."""
 _MOST_LEFT = 1e-3
 """[-] of a unit that may be left after the simulation; the tail adds that share of the largest norm."""
 
@@ -99,26 +101,41 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
     x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(pairs), axis=0)
     x[:, :, -1] = gyro
-    total, peak = np.zeros((len(pairs), m + 3, m + 2)), np.zeros_like(x)
-    square = np.zeros((len(pairs), m + 3))
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(samples):
-            after = Phi @ x
-            held = demand @ x
-            change, gap = after[:, OMEGA] - x[:, OMEGA], held - x[:, TORQUE]
-            signals = np.concatenate([x, np.stack([change, gap, held], axis=1)], axis=1)
-            total += np.abs(signals)
-            square += signals[:, :, -1] ** 2
-            peak = np.maximum(peak, np.abs(x))
-            if not np.max(peak) < _DIVERGED:
-                raise Refusal("the norms have no bound: the loop is unstable")
-            x = after
+    total, square, peak, x = _simulate(Phi, demand, x, samples)
     peak = np.max(peak, axis=2)  # of each state over all columns
     defect = (m + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
     # the demand is a sum of the states with a rounding of its own
     slack = (m + 16) * _ULP * samples * (peak @ np.abs(demand))
     total[:, GAP:] += slack[:, None, None]
     return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
+
+
+def _simulate(Phi: Array, demand: Array, x: Array, samples: int) -> tuple[Array, Array, Array, Array]:
+    """Return sums of moduli and of squares of all signals, the states' largest moduli, and the last states.
+
+    Raises
+    ------
+    Refusal
+        If the loop is unstable.
+    """
+    cells, m = Phi.shape[:2]
+    peak, square = np.zeros_like(x), np.zeros((cells, m + 3))
+    total, signals, size = (np.zeros((cells, m + 3, m + 2)) for _ in range(3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(samples):
+            after, held = Phi @ x, demand @ x
+            signals[:, :m], signals[:, m + 2] = x, held
+            np.subtract(after[:, OMEGA], x[:, OMEGA], out=signals[:, m])
+            np.subtract(held, x[:, TORQUE], out=signals[:, m + 1])
+            total += np.abs(signals, out=size)
+            square += signals[:, :, -1] ** 2
+            np.maximum(peak, size[:, :m], out=peak)
+            if k % _WATCH == 0 and not np.max(peak) < _DIVERGED:
+                break
+            x = after
+    if not np.max(peak) < _DIVERGED:
+        raise Refusal("the norms have no bound: the loop is unstable")
+    return total, square, peak, x
 
 
 def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from gustproof.lti.state_space import Matrix
+from gustproof.lti.state_space import Matrix, gain
 from gustproof.model.lft import Uncertain
 
 Order = NDArray[np.int64]
@@ -116,23 +116,23 @@ def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) ->
 
 
 def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
-    """Return A, B, C and D, each (k, ...), of the loop over a step at each of `deltas` (k, blocks)."""
+    """Return A, B, C and D, each (k, ...), of the loop over a step with held input at each of `deltas` (k, blocks)."""
+    M, w, z = loop.M, loop.n_w, loop.n_z
+    n, m = M.order, loop.n_inputs
+    # states and their derivatives as inputs and outputs: an uncertain matrix has its values at all deltas at once
+    static = np.block(
+        [[M.D[:z, :w], M.C[:z], M.D[:z, w:]], [M.B[:, :w], M.A, M.B[:, w:]], [M.D[z:, :w], M.C[z:], M.D[z:, w:]]]
+    )
     names = [block.name for block in loop.blocks]
-    held = [_discretize(loop, dict(zip(names, delta, strict=True))) for delta in deltas]
-    A, B, C, D = (np.array(matrices) for matrices in zip(*held, strict=True))
-    return A, B, C, D
+    values = Uncertain(M=gain(static), blocks=loop.blocks).matrices(dict(zip(names, deltas.T, strict=True)))
+    generators = np.zeros((len(values), n + m, n + m))
+    generators[:, :n] = _STEP * values[:, :n]
+    held = scipy.linalg.expm(generators)
+    return held[:, :n, :n], held[:, :n, n:], values[:, n:, :n], values[:, n:, n:]
 
 
 def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
     return itertools.product((-1.0, 1.0), repeat=blocks)
-
-
-def _discretize(loop: Uncertain, vertex: dict[str, float]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return the loop at a vertex over a step with held input."""
-    system = loop.substitute(vertex)
-    n, m = system.order, system.n_inputs
-    exponential = scipy.linalg.expm(np.block([[system.A, system.B], [np.zeros((m, n + m))]]) * _STEP)
-    return exponential[:n, :n], exponential[:n, n:], system.C, system.D
 
 
 def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:

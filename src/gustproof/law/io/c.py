@@ -4,6 +4,7 @@ Each sum is written out with its nonzero terms, in the order of `gustproof.law.s
 decimals of the law's doubles: poles and gains stay legible, and compilers round them correctly (C99, annex F.5).
 """
 
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import Enum
@@ -75,6 +76,8 @@ _SINGLE = {
 """The same in single precision."""
 _GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
 """Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
+_PROTOTYPE = re.compile(r"^static (\w+ \w+\([^)]*\))$", re.MULTILINE)
+"""Head of a function that a step calls."""
 _WIDTH = 120
 _NBSP = "\u00a0"
 """Space without a line break."""
@@ -116,7 +119,7 @@ def save_c(
     ['law.c', 'law.h']
     """
     header = path.with_suffix(".h")
-    unit = c_unit(law, header.name, attitude, single=single, notes=notes)
+    unit = c_unit(law, header.name, attitude, single=single, notes=notes, library=attitude is Attitude.OWN)
     write_text(path, unit.source)
     write_text(header, unit.header)
     return unit
@@ -129,13 +132,15 @@ def c_unit(
     *,
     single: bool = False,
     notes: Sequence[str] = (),
+    library: bool = False,
 ) -> CUnit:
     """Return the law as C99 and C++ that needs no library; its numbers are the law's to the bit.
 
     With IEEE doubles `<name>_step` gives the bits of `gustproof.law.step.step`, for attitude estimates up to 1e5 rad.
     With `single` it computes in IEEE single precision, to the bits of `gustproof.law.io.single.SingleLaw`.
     With `<name>_SELF_TEST` defined `<name>_self_test` compares them over some steps, the last of them at the limits.
-    The header tells how to start, align and reset it; `notes` are paragraphs of its comment.
+    The header tells how to start, align and reset it; `notes` are paragraphs of its comment. As a `library` it tells
+    its facts, for `gustproof.entries.library`; with `<name>_LANES` defined, it steps that many flights at once.
 
     Raises
     ------
@@ -145,7 +150,7 @@ def c_unit(
     """
     if attitude is Attitude.AUTOPILOT and not law.is_scheduled:
         raise ValueError(f"law '{law.name}' is linear: none of its states is known as attitude, so it keeps its own")
-    writer = _Writer(law, attitude, SingleLaw(law) if single else None)
+    writer = _Writer(law, attitude, SingleLaw(law) if single else None, library)
     words = {**writer.words(), "header": header}
     source = _source(writer, words)
     operations = count_operations(source, f"{words['prefix']}_step")
@@ -184,6 +189,8 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "sin_cos_single": law.rate_limit is not None,
         }
     parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
+    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed)
+    prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
     return _filled(
         "law.c.in",
         {
@@ -192,7 +199,9 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "guard": Template(words["guard"]).substitute(words),
             "include": "" if writer.single is None else "#include <float.h>\n",
             "summary": _in_comment(made),
-            "functions": "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed),
+            "functions": functions,
+            "inlined": writer.filled("inlined.c.in", {**words, "prototypes": "\n".join(prototypes)}, lanes=True),
+            "library": writer.library("c", words),
             "start": writer.start(),
             "body": writer.body(),
             "windup": writer.windup(),
@@ -222,6 +231,7 @@ def _header(writer: "_Writer", words: dict[str, str]) -> str:
             "start": _STARTS[law.is_scheduled, law.takes_references],
             "windup": "" if np.any(law.H) else _NO_WINDUP,
             "align": _align(writer, words, _ALIGN + ";\n"),
+            "library": writer.library("h", words),
             "bits": "flown law's" if writer.single is None else "single-precision law's",
         },
     )
@@ -306,6 +316,8 @@ class _Writer(NamedTuple):
     attitude: Attitude
     single: SingleLaw | None
     """The law in single precision; `None` in double."""
+    is_library: bool
+    """True with facts for a program that loads it and, in double precision, a step of several flights."""
 
     @property
     def measured(self) -> int:
@@ -367,7 +379,20 @@ class _Writer(NamedTuple):
         return indent("\n".join(lines), "    ")
 
     def body(self) -> str:
-        """Return the body of the step; parts that a law does not need are neither declared nor computed."""
+        """Return the body of the step."""
+        lines = self._step()
+        whole = "\n".join([*lines, "y[" * (self.attitude is Attitude.AUTOPILOT), "x[" * (self.law.order > 0)])
+        lines = [f"(void){array};" for array in ("x", "y") if f"{array}[" not in whole] + lines
+        if self.law.order:
+            lines.append(f"for (int i = 0; i < {self.rows}; i++)\n    x[i] = next[i];")
+        if self.attitude is Attitude.AUTOPILOT:
+            lines.append(f"{c_name(self.law.name)}_align(x, y + {inputs_of(self.law)});")
+        lines.append("\nint met = 0;\nfor (int i = 0; i < 3; i++)")
+        lines.append("    met |= (command[i] < u[i] || command[i] > u[i]) << i;\nreturn met;")
+        return indent("\n".join(lines), "    ")
+
+    def _step(self) -> list[str]:
+        """Return the sums of the step; parts that a law does not need are neither declared nor computed."""
         law, n, real = self.law, self.law.order, "double" if self.single is None else "float"
         names = self._names()
         none, limit = np.zeros((3, 6)), law.rate_limit
@@ -396,12 +421,29 @@ class _Writer(NamedTuple):
         if n:
             A = law.A if self.single is None else self.single.A
             parts += self._next(np.hstack([A, law.B, law.G, law.H, V]), names)
-        if self.attitude is Attitude.AUTOPILOT:
-            parts.append(f"{c_name(law.name)}_align(x, y + {inputs_of(law)});")
-        parts.append("\nint met = 0;\nfor (int i = 0; i < 3; i++)")
-        parts.append("    met |= (command[i] < u[i] || command[i] > u[i]) << i;\nreturn met;")
-        unread = [f"(void){array};" for array in ("x", "y") if not any(f"{array}[" in part for part in parts)]
-        return indent("\n".join(unread + parts), "    ")
+        return parts
+
+    def filled(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
+        """Return a part of a library, empty if it is none; `lanes` are in double precision alone."""
+        return _filled(template, words) if self.is_library and not (lanes and self.single) else ""
+
+    def library(self, suffix: str, words: dict[str, str]) -> str:
+        """Return facts and the step of several flights, of a library."""
+        limits = _numbers(self.law.limits.tolist(), self.number)
+        rates = str(int(self.law.output is Output.RATES))
+        facts = {**words, "limits": limits, "rates": rates, "label": json.dumps(self.law.name), "lanes": self._lanes()}
+        parts = ("library", False), ("lanes", True)
+        return "".join(self.filled(f"{name}.{suffix}.in", facts, lanes=lanes) for name, lanes in parts)
+
+    def _lanes(self) -> str:
+        """Return the step of one of several flights: their numbers are in rows, `x[i][w]`."""
+        law, lines = self.law, self._step()
+        text = re.sub(r"\b(x|y|command)\[(\d+)\]", r"\1[\2][w]", "\n".join(lines))
+        text = re.sub(r"\b(rate_excess|euler_rates)\(x,", r"\1(own,", text).replace("(y + 6, x,", "(force, own,")
+        first = [f"const double own[6] = {{{', '.join(f'x[{i}][w]' for i in range(6))}}};"] * law.is_scheduled
+        force = ", ".join(f"y[{i}][w]" for i in range(6, 9))
+        first += [f"const double force[3] = {{{force}}};"] * law.uses_accelerometer
+        return indent("\n".join([*first, text, *(f"x[{i}][w] = next[{i}];" for i in range(law.order))]), 8 * " ")
 
     def _names(self) -> list[str]:
         law = self.law
@@ -416,7 +458,7 @@ class _Writer(NamedTuple):
         return [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
 
     def _next(self, matrix: NDArray[np.float64], names: list[str]) -> Iterator[str]:
-        """Yield the sums of the next states and their assignment."""
+        """Yield the sums of the next states."""
         n, real = self.law.order, "double" if self.single is None else "float"
         wide = () if self.single is None else self.single.wide
         yield f"\n{real} next[{self.rows}];" + ("\nfloat sum[2];" if wide else "")
@@ -427,7 +469,6 @@ class _Writer(NamedTuple):
                 yield line
             else:
                 yield from self._wide_sum(i, n + wide.index(i), matrix[i], names)
-        yield f"for (int i = 0; i < {self.rows}; i++)\n    x[i] = next[i];"
 
     def _wide_sum(self, i: int, low: int, row: NDArray[np.float64], names: list[str]) -> Iterator[str]:
         """Yield the sum of a state that is held in two floats, `x[i]` and `x[low]`."""

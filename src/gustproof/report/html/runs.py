@@ -8,18 +8,19 @@ from typing import Any
 from firmware_model.errors import ConfigError
 from gustproof.recording.bag import read_bag, read_estimate_topics
 from gustproof.recording.folder import find_bags
-from gustproof.simulate.flight import Flight, parse_metadata
+from gustproof.simulate.flight import Flight, by_kind, parse_metadata
 from gustproof.simulate.guest import parse_autopilot
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Records
 
+_PILOTS = ("law", "autopilot", "controller")
 MAX_RUNS = 12
 """Most flights on a page: more curves cannot be told apart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportRun(Flight):
-    """One recorded flight of a law or a real autopilot."""
+    """One recorded flight of a law, another controller or a real autopilot."""
 
     label: str
     """Name beside the other runs."""
@@ -46,16 +47,16 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
 def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
     if len(records) < 2:
         raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
-    if about.get("law", ...) is None and not about.get("autopilot"):
+    if about.get("law", ...) is None and not (about.get("autopilot") or about.get("controller")):
         raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
-    scenario, law, vehicle, seed, _ = parse_metadata(about, bag)
+    scenario, pilot, vehicle, seed, _ = parse_metadata(about, bag)
     try:
         outcome, versions = FlightOutcome[str(about["outcome"]).upper()], dict(about["versions"])
         timing = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    flown: dict[str, Any] = {"scenario": scenario, "law": law, "vehicle": vehicle, "seed": seed}
-    if law is None:
+    flown: dict[str, Any] = {"scenario": scenario, **by_kind(pilot), "vehicle": vehicle, "seed": seed}
+    if pilot is None:
         parse_autopilot(about["autopilot"], bag)
         flown |= {"autopilot": about["autopilot"], "estimates": read_estimate_topics(bag)}
     said: dict[str, Any] = {"outcome": outcome, "message": outcome.value, "timing": timing, "versions": versions}
@@ -63,8 +64,8 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
-    """Return the law or the autopilot of each flight, with scenario, vehicle and seed where they differ."""
-    parts = [[_name_of(about, "law" if about.get("law") else "autopilot")] for about in flights]
+    """Return the pilot of each flight, with scenario, vehicle and seed where they differ."""
+    parts = [[_name_of(about, next(filter(about.get, _PILOTS), _PILOTS[0]))] for about in flights]
     for key in ("scenario", "vehicle", "seed"):
         values = [_name_of(about, key) for about in flights]
         if len(set(values)) > 1:

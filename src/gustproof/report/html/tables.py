@@ -43,6 +43,7 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
     return [
         ("law", [_describe_law(run.law) for run in runs]),
         ("made by", [run.law.provenance.design if run.law else "" for run in runs]),
+        ("controller", list(_sources(runs))),
         ("autopilot", [_describe_autopilot(run.autopilot) for run in runs]),
         ("scenario", [run.scenario.name for run in runs]),
         ("vehicle", [run.vehicle.name for run in runs]),
@@ -51,6 +52,11 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
         ("flown", [f"{len(run.records) * run.scenario.dt:g} s of {run.scenario.duration_s:g} s" for run in runs]),
         ("warning", ["; ".join(run.warnings) for run in runs]),
     ]
+
+
+def _sources(runs: Sequence[ReportRun]) -> Iterator[str]:
+    for run in runs:
+        yield run.entry.source if run.entry else ""
 
 
 def _describe_law(law: Law | None) -> str:

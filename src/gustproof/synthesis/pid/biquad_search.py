@@ -4,6 +4,7 @@ Error and slew are those of `gustproof.performance.covariance`; complex steps gi
 constrained on a grid of frequencies, for the nominal plant and, with a peak each, for plants off nominal.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,6 +25,8 @@ _STEP = 1e-30
 """[-] complex step: without a difference of values, a small step loses no digits."""
 _UNSTABLE_COST = 1e3
 """Cost of a loop with an overflowing covariance; stable loops have costs below 0."""
+_ROUGH, _FINE = (60, 1e-6), (300, 1e-10)
+"""Most steps of a search, and relative change of its cost that ends it: from each of several starts, and in the end."""
 _INTEGRAL = 1e-6
 """[-] by which a computed eigenvalue of two integrals may exceed 1."""
 _SLOWEST, _FASTEST = 1.0, 1e3
@@ -83,10 +86,10 @@ class AxisSearch:
         [s^2 rad^2/(N*m)^2] is that of mean square slew.
         """
         with np.errstate(all="ignore"):  # a search passes unstable loops
-            found = [
-                each for each in (self._minimize_from(np.log(np.array(start)), weight) for start in starts) if each
-            ]
-        return min(found, key=lambda each: each.cost, default=None)
+            if len(starts) > 1:
+                rough = [self._minimize_from(start, weight, _ROUGH) for start in starts]
+                starts = [each.gains for each in sorted(filter(None, rough), key=lambda each: each.cost)] or starts
+            return next((each for start in starts if (each := self._minimize_from(start, weight, _FINE))), None)
 
     def margins(self, z: Matrix) -> tuple[Matrix, Matrix]:
         """Return the logarithms (m,) of peak over sensitivity, at least 0 if within, and their slopes (m, 9)."""
@@ -95,34 +98,46 @@ class AxisSearch:
         room = np.log(np.abs(1.0 + L)) + self._log_peaks
         return room.ravel(), (L / (1.0 + L) * slopes[:, None]).real.reshape(len(z), -1).T
 
-    def cost(self, z: Matrix, weight: float) -> tuple[float, Matrix]:
-        """Return the logarithm of mean square error and weighted slew, and its slopes (9,)."""
+    def cost(self, z: Matrix, weight: float, *, watched: bool = True) -> tuple[float, Matrix]:
+        """Return the logarithm of mean square error and weighted slew, and its slopes (9,).
+
+        It is that of an unstable loop too if one far from nominal is unstable and `watched`.
+        """
         loops = self._closed_loops(self._flight, np.exp(z + 1j * _STEP * np.eye(len(z))))
         with np.errstate(over="ignore", invalid="ignore"):
             moments = mean_second_moments([self._model], loops)
         costs = moments[:, 0, 0] + weight / self._model.plant.dt**2 * moments[:, 1, 1]
         value = float(costs[0].real)
-        if not (math.isfinite(value) and value > 0.0) or not all(self._is_stable(far, z) for far in self._far):
+        if not (math.isfinite(value) and value > 0.0) or (watched and not self._is_stable_afar(z)):
             return _UNSTABLE_COST, np.zeros(len(z))
         return math.log(value), costs.imag / (_STEP * value)
 
-    def _minimize_from(self, start: Matrix, weight: float) -> SearchResult | None:
+    def _minimize_from(
+        self, start: BiquadGains, weight: float, effort: tuple[int, float], *, watched: bool = False
+    ) -> SearchResult | None:
+        """Return the optimum from a start. Loops far from nominal are watched only if it is unstable there else."""
         constraint = scipy.optimize.NonlinearConstraint(
             lambda z: self.margins(z)[0], 0.0, np.inf, jac=lambda z: self.margins(z)[1]
         )
         found = scipy.optimize.minimize(
-            self.cost,
-            start,
+            functools.partial(self.cost, watched=watched),
+            np.log(np.array(start)),
             args=(weight,),
             jac=True,
             method="SLSQP",
             bounds=scipy.optimize.Bounds(np.log(_LOWER), np.log(_UPPER)),
             constraints=constraint,
-            options={"maxiter": 300, "ftol": 1e-10},
+            options={"maxiter": effort[0], "ftol": effort[1]},
         )
         if not found.fun < 0.0 or np.min(self.margins(found.x)[0]) < -0.5 * _GRID_MARGIN:
             return None
+        if not watched and not self._is_stable_afar(found.x):
+            return self._minimize_from(start, weight, effort, watched=True)
         return SearchResult(float(found.fun), BiquadGains(*np.exp(found.x).tolist()).sort_zeros())
+
+    def _is_stable_afar(self, z: Matrix) -> bool:
+        """Return whether the loops of all far models are stable."""
+        return all(self._is_stable(far, z) for far in self._far)
 
     def _is_stable(self, flight: Lti, z: Matrix) -> bool:
         """Return whether the loop of a far model is stable but for the two attitudes, which are integrals."""

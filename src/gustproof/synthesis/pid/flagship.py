@@ -44,6 +44,8 @@ _POWER = 3.0
 _SLEW_TOLERANCE, _PATIENCE, _LATE_TOLERANCE = 1e-4, 8, 0.02
 """[-] largest relative distance of the slew below its limit; number of weights tried for it; distance after these."""
 _TOLERANCES = [_SLEW_TOLERANCE] * _PATIENCE + [_LATE_TOLERANCE] * (_ROUNDS - _PATIENCE)
+_STALE = 0.05
+"""[-] width of the interval of weights below which an end far from the wanted slew is given up."""
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
 _GAIN_TOLERANCE = 0.03
@@ -137,7 +139,7 @@ def tune_flagship(
     ]
     bandwidth = 20.0 * loop_speed(vehicle, scenario)
     fixed = _starts(bandwidth, limits)
-    starts = [[_add_biquad(each, 4.0 * bandwidth), *fixed[1:]] for each in pid] if pid else [fixed] * len(axes)
+    starts = [_add_biquad(pid[0], 4.0 * bandwidth), *fixed[1:]] if pid else fixed
     found = _search_weights(searches, starts, models, limits)
     if found is None:
         raise DesignError(
@@ -149,17 +151,17 @@ def tune_flagship(
 
 def _search_weights(
     searches: Sequence[AxisSearch],
-    starts: list[list[BiquadGains]],
+    starts: list[BiquadGains],
     models: Sequence[AxisModel],
     limits: TuningLimits,
 ) -> ThreeGains | None:
     """Return the gains of least error within the limits over the weights of slew that are tried; `None` for none."""
     found: ThreeGains | None = None
+    gains: list[BiquadGains] | None = None
     least, weight = math.inf, _Weight(limits.slew)
     for number in range(_ROUNDS):
-        results = [search.search(start, weight.value) for search, start in zip(searches, starts, strict=True)]
-        gains = [each.gains for each in results if each]
-        if len(gains) < len(models):
+        gains = _search_axes(searches, gains, starts, weight.value)
+        if gains is None:
             break
         performances = _axis_performances(models, gains)
         rmse, slew = pool_axes(performances)
@@ -170,8 +172,25 @@ def _search_weights(
         if 1.0 - _TOLERANCES[number] < excess <= 1.0:
             break
         weight.follow(excess, number)
-        starts = [[each] for each in gains]
     return found
+
+
+def _search_axes(
+    searches: Sequence[AxisSearch], near: Sequence[BiquadGains] | None, starts: list[BiquadGains], weight: float
+) -> list[BiquadGains] | None:
+    """Return the optimum of each axis at a weight of slew; `None` if one has none.
+
+    It is searched from gains `near` it if there are any. Else it is from those of the axis before and from `starts`:
+    axes differ little in gains of angular acceleration.
+    """
+    gains = list[BiquadGains]()
+    for number, search in enumerate(searches):
+        first = [near[number]] if near else [*gains[-1:], *starts]
+        result = search.search(first, weight)
+        if result is None:
+            return None
+        gains.append(result.gains)
+    return gains
 
 
 class _Weight:
@@ -194,6 +213,8 @@ class _Weight:
             self._low = self.value
         else:
             self._high = self.value
+        if self._high < (1.0 + _STALE) * self._low:  # the optimum has jumped since one end was found
+            self._low, self._high = (self._low, math.inf) if excess > 1.0 else (0.0, self._high)
         self.value *= (excess / (1.0 - 0.5 * _SLEW_TOLERANCE)) ** min(max(power, 2.0), 20.0)
         if not self._low < self.value < self._high:  # the optimum jumps
             self.value = math.sqrt(self._low * self._high)

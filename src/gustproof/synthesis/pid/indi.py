@@ -65,9 +65,16 @@ class IndiGains:
                 raise ValueError(f"{name} is {value!r}, must be positive and finite")
 
 
-def _start(speed: float) -> IndiGains:
+def indi_start(speed: float) -> IndiGains:
     """Return the start of a search: low gains, stable for the actuator lag of that `loop_speed`."""
     return IndiGains(angle_p=4.0 * speed, rate_p=8.0 * speed, cutoff=min(8.0 * speed, 60.0), damping=0.7)
+
+
+def low_pass(gains: IndiGains, dt: float) -> Lti:
+    """Return the filter of one axis, to the low-passed signal and its derivative, by the trapezoidal rule."""
+    corner = 2.0 * math.pi * gains.cutoff
+    A, B = np.array([[0.0, 1.0], [-(corner**2), -2.0 * gains.damping * corner]]), np.array([[0.0], [corner**2]])
+    return tustin(Lti(A=A, B=B, C=np.eye(2), D=np.zeros((2, 1))), dt)
 
 
 def indi_axis(
@@ -90,11 +97,9 @@ def indi_axis(
     states, inputs = np.split(np.eye(n + 2), [n])  # rows over (states, rate, reference)
     E, omega, torque = states[0], states[1], states[6]
     rate, angle_reference = inputs
-    corner = 2.0 * math.pi * gains.cutoff
-    A, B = np.array([[0.0, 1.0], [-(corner**2), -2.0 * gains.damping * corner]]), np.array([[0.0], [corner**2]])
-    low_pass = tustin(Lti(A=A, B=B, C=np.eye(2), D=np.zeros((2, 1))), dt)
-    acceleration = low_pass.C[1] @ states[2:4] + low_pass.D[1, 0] * rate
-    filtered_torque = low_pass.C[0] @ states[4:6] + low_pass.D[0, 0] * torque
+    filtered = low_pass(gains, dt)
+    acceleration = filtered.C[1] @ states[2:4] + filtered.D[1, 0] * rate
+    filtered_torque = filtered.C[0] @ states[4:6] + filtered.D[0, 0] * torque
     attitude = E + 0.5 * dt * (omega + rate)
     commanded = gains.angle_p * (angle_reference - attitude)
     nu = gains.rate_p * (commanded - rate)
@@ -105,8 +110,8 @@ def indi_axis(
         [
             E - 0.5 * dt * omega + 0.5 * dt * rate,
             rate,
-            low_pass.A @ states[2:4] + low_pass.B @ rate[None],
-            low_pass.A @ states[4:6] + low_pass.B @ torque[None],
+            filtered.A @ states[2:4] + filtered.B @ rate[None],
+            filtered.A @ states[4:6] + filtered.B @ torque[None],
             decay * torque + (1.0 - decay) * commands[-1],
             commands[:-1],
         ]
@@ -140,7 +145,7 @@ def indi_law(
     def axis(gains: IndiGains, model: AxisModel) -> AxisLaw:
         return indi_axis(gains, model.inertia, lag, delay, dt)
 
-    starts = [_start(slower * loop_speed(vehicle, scenario)) for slower in SLOWER]
+    starts = [indi_start(slower * loop_speed(vehicle, scenario)) for slower in SLOWER]
     gains = tune(models_of_axes(vehicle, corners, scenario), axis, starts, "INDI", limits)
     limit = vehicle.stabilizer.rate_limit
     axes = [indi_axis(each, J, lag, delay, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]

@@ -29,11 +29,14 @@ _GRID = 200
 _GRID_MARGIN = 1e-3
 """[-] share of the peak reserved for a rise of the sensitivity between two frequencies of the grid."""
 _PEAK_TOLERANCE = 5e-2
-"""[-] relative excess of the peak below which it is attributed to the space between two frequencies."""
+"""[-] relative excess of the peak below which it is attributed to the space between two frequencies. With more, or
+so much more slew, the search has failed."""
 _ROUNDS = 5
 """Number of searches, each tightened by the excess of the previous one between two frequencies."""
 _ROUNDING = 1e-6
 """[-] share of the slew reserved, because the search satisfies a limit up to rounding only."""
+_BOUNDS = (1e-3, 1e4)
+"""Least and largest gain, in their units, if there are no others."""
 _UNSTABLE = 1e6
 """[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
 SLOWER = (1.0, 0.6, 0.35)
@@ -107,12 +110,14 @@ def tune(
     starts: Iterable[Record],
     name: str,
     limits: TuningLimits,
+    bounds: tuple[Record, Record] | None = None,
 ) -> list[Record]:
     """Return the gains of each axis with the least attitude error, pooled over the axes.
 
     Sequential quadratic programming (SLSQP) on the logarithms of all gains, from each of `starts` until one leads to
     gains within the limits. A start is a dataclass of positive numbers, for each axis. The optimum is local. `build`
     makes the law of an axis from its gains and its model in turbulence. Delay and gain in the limits are not used.
+    `bounds` are the least and the largest gains, by default very small and very large ones.
 
     Raises
     ------
@@ -121,7 +126,7 @@ def tune(
     """
     found = ""
     for start in starts:
-        result, found = _tune_from(axes, build, start, limits)
+        result, found = _tune_from(axes, build, start, limits, bounds)
         if result is not None:
             return result
     peak, slew = limits.sensitivity_peak, limits.slew
@@ -129,7 +134,11 @@ def tune(
 
 
 def _tune_from(
-    axes: Sequence[AxisModels], build: Callable[[Record, AxisModel], AxisLaw], start: Record, limits: TuningLimits
+    axes: Sequence[AxisModels],
+    build: Callable[[Record, AxisModel], AxisLaw],
+    start: Record,
+    limits: TuningLimits,
+    bounds: tuple[Record, Record] | None,
 ) -> tuple[list[Record] | None, str]:
     """Return the gains from one start, `None` if they are not within the limits, and how far they came."""
 
@@ -139,15 +148,16 @@ def _tune_from(
     def axis(values: Sequence[float], model: AxisModel) -> AxisLaw:
         return build(gains_of(values), model)
 
+    widths = [*zip(*map(astuple, bounds), strict=True)] if bounds else [_BOUNDS] * len(fields(start))
     best, peak = [list(astuple(start))] * len(axes), limits.sensitivity_peak * (1.0 - _GRID_MARGIN)
     for _ in range(_ROUNDS):
         with np.errstate(all="ignore"):  # a search passes unstable loops
-            best = _minimize(axes, axis, best, replace(limits, sensitivity_peak=peak))
+            best = _minimize(axes, axis, best, replace(limits, sensitivity_peak=peak), widths)
             found = [axis_performance(model, axis(gains, model)) for (model, *_), gains in zip(axes, best, strict=True)]
         worst, (_, pooled) = max(each.sensitivity_peak for each in found), pool_axes(found)
         if worst <= limits.sensitivity_peak and pooled <= limits.slew:
             return [gains_of(values) for values in best], ""
-        if not worst <= (1.0 + _PEAK_TOLERANCE) * limits.sensitivity_peak:
+        if not max(worst / limits.sensitivity_peak, pooled / limits.slew) <= 1.0 + _PEAK_TOLERANCE:
             break
         peak *= limits.sensitivity_peak / worst * (1.0 - _ROUNDING)
     return None, f"the best had {worst:.4g} and {pooled:.4g}" if math.isfinite(worst) else "the best is unstable"
@@ -163,7 +173,11 @@ def _rms(model: AxisModel, controller: Lti) -> tuple[float, float]:
 
 
 def _minimize(
-    axes: Sequence[AxisModels], axis: AxisBuilder, start: Sequence[Sequence[float]], limits: TuningLimits
+    axes: Sequence[AxisModels],
+    axis: AxisBuilder,
+    start: Sequence[Sequence[float]],
+    limits: TuningLimits,
+    bounds: Sequence[tuple[float, float]],
 ) -> list[list[float]]:
     models = [model for model, *_ in axes]
     dt, n, slew = models[0].plant.dt, len(axes), limits.slew
@@ -176,7 +190,10 @@ def _minimize(
 
     @cache  # a gain affects one axis, and the search evaluates error and margins at the same gains
     def evaluate(k: int, gains: tuple[float, ...]) -> tuple[float, float, Matrix]:
-        controller = axis(list(gains), models[k]).controller(dt)
+        try:
+            controller = axis(list(gains), models[k]).controller(dt)
+        except DesignError:  # a synthesis that has no solution at these values
+            return _UNSTABLE, _UNSTABLE, np.full(responses[k].size, -math.log(_UNSTABLE))
         difference = np.abs(1.0 - controller.response(omega)[:, 0, 0] * responses[k])
         return *_rms(models[k], controller), (np.log(difference) + peaks).ravel()
 
@@ -196,9 +213,9 @@ def _minimize(
         error,
         np.log(start).ravel(),
         method="SLSQP",
-        bounds=[(math.log(1e-3), math.log(1e4))] * np.size(start),
+        bounds=[(math.log(low), math.log(high)) for low, high in bounds] * n,
         constraints=constraint,
-        options={"maxiter": 300, "ftol": 1e-9},
+        options={"maxiter": 150, "ftol": 1e-9},
     )
     gains: list[list[float]] = np.exp(found.x).reshape(n, -1).tolist()
     return gains

@@ -47,7 +47,6 @@ wind_speed_20ft_mps = 10.0
 def _impatient(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     if "real" in request.node.name:
         return
-    monkeypatch.setattr(ardupilot_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(ardupilot_process.ArduPilot, "arming_timeout_s", 3.5)
 
 
@@ -195,6 +194,8 @@ def test_flight_that_ends_early_tells_how(
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
     monkeypatch.setattr(ardupilot_process, "_START_TIMEOUT_S", 2.0)
+    if fault == "hang":  # all others answer, on a busy machine late
+        monkeypatch.setattr(ardupilot_process, "_HUNG_S", 1.0)
     facts = fly(tmp_path, capsys)
     assert facts["outcome"] == outcome
     assert said in facts["reason"]

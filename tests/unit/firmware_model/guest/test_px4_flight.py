@@ -59,7 +59,6 @@ def fly(
 @pytest.fixture
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(px4_process, "_BOOT_REPLY_S", 0.02)
-    monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
     monkeypatch.setattr(px4_process, "_CONNECT_TIMEOUT_S", 2.0)
     monkeypatch.setattr(px4_process.Px4, "warm_up_s", 0.0)
     monkeypatch.setattr(px4_process.Px4, "arming_timeout_s", 3.5)
@@ -162,6 +161,8 @@ def test_flight_that_ends_early_tells_how(
     said: str,
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
+    if fault == "hang":  # all others answer, on a busy machine late
+        monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
     facts = fly(tmp_path, capsys)
     assert facts["outcome"] == outcome
     assert said in facts["reason"]

@@ -12,6 +12,7 @@ from firmware_model.numerics.elementary import (
     inverse_normal,
     inverse_normals,
     log,
+    mixed_normals,
     normals,
     philox,
     sin_cos,
@@ -89,6 +90,13 @@ def test_normals_are_standard_normal() -> None:
     assert abs(draw.mean()) < 5.0 / math.sqrt(draw.size)
     assert abs(draw.var() - 1.0) < 5.0 * math.sqrt(2.0 / draw.size)
     assert abs((draw**4).mean() - 3.0) < 5.0 * math.sqrt(96.0 / draw.size)
+
+
+def test_mixed_normals_are_those_of_a_seed_and_then_turned_towards_others() -> None:
+    first, second = (np.array(normals(seed, 2, 5, 1)) for seed in (7, 9))
+    rows = np.array([(7.0, 0.0, 1.0), (9.0, 0.6, 0.8)])
+    assert mixed_normals(rows[:1], 2, 5, 1) == tuple(first.tolist())
+    np.testing.assert_allclose(mixed_normals(rows, 2, 5, 1), 0.6 * first + 0.8 * second, rtol=1e-15)
 
 
 def test_normals_of_other_samples_streams_and_seeds_are_unrelated() -> None:

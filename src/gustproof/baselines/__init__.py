@@ -1,0 +1,1 @@
+"""Controllers of the literature, tuned for a vehicle at a price; entries of the league."""

@@ -1,0 +1,1 @@
+"""Controllers that users bring: Python objects, C libraries, and programs that speak MAVLink."""

@@ -1,0 +1,1 @@
+"""The league: entries flown in the same seeds, at measured prices, and ranked with confidence."""

@@ -1,0 +1,59 @@
+"""Programs of plain sockets, each with one fault that `check-controller` finds by its name."""
+
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.entries.entry import parse_entry
+from gustproof.simulate.findings import ASKED, Finding
+from gustproof.simulate.inspection import check_controller
+
+CLIENT = Path(__file__).parent / "clients" / "programs" / "raw_client.py"
+FAULTS = {
+    "no-heartbeat": "none among",
+    "wrong-stamp": "rejected as",
+    "not-finite": "rejected as not_finite, the first: SET_ACTUATOR_CONTROL_TARGET nan",
+    "silent": "no set-point came",
+    "flooding": "10 datagrams a sample",
+    "died": "ended with status 1: ValueError: the solver found no solution, at sample 101",
+    "wrong-system-id": "messages are from system 42",
+    "wrong-units": "% of the set-points are beyond the limits",
+    "never-arms": "no command to arm came",
+    "wrong-sign": "pushed along the rotation",
+    "ignores-repeats": "no answer to sample 30",
+    "unequal-answers": "sample 30: ",
+}
+"""What is seen of each fault. `late` flies alone, as it is about time."""
+
+
+def check(fault: str) -> list[Finding]:
+    entry = parse_entry(f"exec: '{sys.executable}' -S '{CLIENT}' {fault}")
+    return check_controller(entry, vehicle=load_vehicle("paper"), patience_s=2.0)
+
+
+@pytest.fixture(scope="module")
+def found() -> Mapping[str, list[Finding]]:
+    """Return what is found of each fault; the checks wait for clocks most of their time, so they run side by side."""
+    with ThreadPoolExecutor(4) as pool:
+        return dict(zip(FAULTS, pool.map(check, FAULTS), strict=True))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_is_found_by_its_name_alone(fault, found):
+    (finding,) = found[fault]
+    assert finding.name == fault
+    assert FAULTS[fault] in finding.seen
+    assert finding.to_dict()["asked"] == ASKED[fault]
+
+
+def test_late_answers_are_found_in_real_time():
+    (finding,) = check("late")
+    assert (finding.name, finding.spell) == ("late", "real time")
+
+
+def test_sound_client_is_found_sound():
+    assert check("") == []

@@ -1,0 +1,61 @@
+"""A league that was killed goes on to the same bytes."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gustproof.league.season import fly_league
+from gustproof.report.html.league_page import render_league_page
+
+pytestmark = pytest.mark.compiled
+PATIENCE_S = 120.0
+PLAN = """
+from concurrent.futures import ThreadPoolExecutor
+from firmware_model.config.uncertainty import load_vehicle_set
+from gustproof.league.course import load_course
+from gustproof.league.entrants import parse_entrant
+from gustproof.league.season import LeaguePlan, fly_league
+
+class Pool(ThreadPoolExecutor):
+    death_errors, max_pending = (), 2
+
+plan = LeaguePlan(
+    entrants=(parse_entrant("hinf-d1"), parse_entrant("pid-fair")),
+    vehicles=(load_vehicle_set("paper"),),
+    scenarios=tuple(load_course(["gust-50ms", "kick-all-axes"])),
+    runs=2,
+    salt="a salt of this test",
+)
+"""
+KILLED = (
+    PLAN
+    + """
+import os, signal, sys
+from pathlib import Path
+
+def kill(done, label):
+    if done > 0.5 and not label.startswith("tuning"):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+fly_league(plan, Path(sys.argv[1]), Pool(1), progress=kill)
+"""
+)
+
+
+def test_league_that_was_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    made: dict = {}
+    exec(PLAN, made)
+    whole = fly_league(made["plan"], tmp_path / "whole", made["Pool"](1))
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "cut")], timeout=PATIENCE_S, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    before = (tmp_path / "cut" / "results.jsonl").read_bytes().count(b"\n")
+    done: list[float] = []
+    resumed = fly_league(made["plan"], tmp_path / "cut", made["Pool"](1), progress=lambda share, _: done.append(share))
+    lines = (tmp_path / "whole" / "results.jsonl").read_bytes().splitlines()
+    assert 0 < before < len(lines) == before + len(done)
+    assert render_league_page(resumed) == render_league_page(whole)
+    assert resumed.to_dict() == whole.to_dict()
+    assert sorted((tmp_path / "cut" / "results.jsonl").read_bytes().splitlines()) == sorted(lines)
