@@ -3,9 +3,8 @@
 import errno
 import sys
 from enum import IntEnum
-from typing import Any
+from typing import Any, cast
 
-import click
 import typer
 from typer.core import TyperGroup
 
@@ -13,6 +12,8 @@ from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
+# The error of wrong options, of typer's own copy of click or of the package, whichever this typer has.
+_UsageError = cast("type[typer.BadParameter]", typer.BadParameter.__bases__[0])
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, without a file's name
 
 
@@ -37,8 +38,8 @@ class OneLineErrors(TyperGroup):
             raise exit_with(str(error), ExitStatus.BAD_INPUT) from None
         except FlightError as error:
             raise exit_with(str(error), ExitStatus.FLIGHT_BROKE_OFF) from None
-        except click.UsageError as error:
-            raise click.UsageError(printable(error.format_message()), error.ctx) from None
+        except _UsageError as error:
+            raise _UsageError(printable(error.format_message()), error.ctx) from None
         except KeyboardInterrupt:
             raise exit_with("interrupted", ExitStatus.INTERRUPTED) from None
         except OSError as error:
