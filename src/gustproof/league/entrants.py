@@ -26,7 +26,7 @@ REFERENCE = "pid-fair"
 """Entrant whose error on a vehicle is the unit of the score there."""
 _OBJECTS = {
     "geometric": "gustproof.baselines.geometric:make",
-    "geometric-lead": "gustproof.baselines.geometric:make_lead",
+    "geometric-lead": "gustproof.baselines.geometric_lead:make",
     "rotor-indi": "gustproof.baselines.rotor_indi:make",
     "policy": "gustproof.baselines.policy:make",
     "mpc": "gustproof.baselines.mpc:make",

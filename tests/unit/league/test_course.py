@@ -105,3 +105,11 @@ def test_shipped_law_flies_its_own_vehicle_and_a_file_takes_the_name_of_each(tmp
     mine = parse_entrant(f"{tmp_path}/mine-{{vehicle}}.json")
     assert mine == Entrant(name="mine", source=f"{tmp_path}/mine-{{vehicle}}.json")
     assert make_pilot(mine, paper).to_dict() == load_law("hinf-d2").to_dict()
+
+
+@pytest.mark.parametrize("vehicle", FLEET)
+@pytest.mark.parametrize("name", ["geometric", "geometric-lead", "rotor-indi", "policy", "mpc"])
+def test_object_of_the_literature_is_made_for_each_vehicle(name: str, vehicle: str) -> None:
+    entrant = parse_entrant(name)
+    pilot = make_pilot(entrant, load_vehicle_set(vehicle))
+    assert (entrant.name, entrant.source) == (name, pilot.source)
