@@ -30,14 +30,7 @@ import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import (
-    LEVEL,
-    RotationEstimate,
-    as_vector,
-    rotation_error,
-    rotation_matrix,
-    shortened,
-)
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_error, shortened
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -91,22 +84,18 @@ class GeometricPid:
         self._kA = tuple(j * g.acceleration for j, g in zip(J, gains, strict=True))
         self._cutoff, self._dt = tuple(2.0 * math.pi * g.cutoff for g in gains), 0.0
         self._c = tuple(g.attitude / g.rate for g in gains)
-        self._estimate = RotationEstimate()
+        self._attitude = HeldAttitude()
         self.reset()
 
     def reset(self) -> None:
         """Return to level, at rest."""
-        self._estimate.reset()
-        self._reference, self._R_d = _ZERO, LEVEL
+        self._attitude.reset()
         self._e_I = self._smooth = _ZERO
 
     def step(self, gyro: Iterable[float], reference: Iterable[float], force: Iterable[float], dt: float) -> Vector:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
-        rates, wanted = as_vector(gyro), as_vector(reference)
-        R = self._estimate.update(rates, dt)
-        if wanted != self._reference:
-            self._reference, self._R_d = wanted, rotation_matrix(wanted)
-        x, y, z = rotation_error(R, self._R_d)
+        rates = as_vector(gyro)
+        x, y, z = rotation_error(*self._attitude.update(rates, as_vector(reference), dt))
         p, q, r = rates
         c, kW, kI, (e1, e2, e3) = self._c, self._kW, self._kI, self._e_I
         # [rad/s] the rate that the error commands, reversed

@@ -39,14 +39,7 @@ import scipy.sparse
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import (
-    LEVEL,
-    RotationEstimate,
-    as_vector,
-    rotation_matrix,
-    rotation_vector,
-    shortened,
-)
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.lti.state_space import Lti, Matrix, discretize_zoh
@@ -222,15 +215,14 @@ class Mpc:
     def __init__(self, vehicle: Vehicle, gains: Sequence[MpcGains]) -> None:
         self._vehicle, self._gains = vehicle, tuple(gains)
         self._limit, self._rate_limit = vehicle.torque_limit, vehicle.stabilizer.rate_limit
-        self._estimate, self._dt = RotationEstimate(), 0.0
+        self._attitude, self._dt = HeldAttitude(), 0.0
         self._programme: _Programme | None = None
         _load_osqp()
         self.reset()
 
     def reset(self) -> None:
         """Return to level, at rest."""
-        self._estimate.reset()
-        self._reference, self._R_d = _ZERO, LEVEL
+        self._attitude.reset()
         self._filters = [_ZERO, _ZERO, _ZERO]
         self._pending = _ZERO
         if self._programme is not None:
@@ -257,11 +249,8 @@ class Mpc:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
         if dt != self._dt:
             self._start(dt)
-        rates, wanted = as_vector(gyro), as_vector(reference)
-        R = self._estimate.update(rates, dt)
-        if wanted != self._reference:
-            self._reference, self._R_d = wanted, rotation_matrix(wanted)
-        e = rotation_vector(R, self._R_d)
+        rates = as_vector(gyro)
+        e = rotation_vector(*self._attitude.update(rates, as_vector(reference), dt))
         r1, r2, r3 = self._ratio
         s = shortened((r1 * e[0], r2 * e[1], r3 * e[2]), self._rate_limit)
         angles = s[0] / r1, s[1] / r2, s[2] / r3

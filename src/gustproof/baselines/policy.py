@@ -37,14 +37,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.baselines.geometric import GeometricGains, geometric_axis
 from gustproof.baselines.geometric_lead import find_lead
-from gustproof.baselines.rotation_estimate import (
-    LEVEL,
-    RotationEstimate,
-    as_vector,
-    rotation_matrix,
-    rotation_vector,
-    shortened,
-)
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
 from gustproof.baselines.tuned_gains import (
     DATA,
     design_vehicle,
@@ -134,14 +127,13 @@ class Policy:
         self._lead: Vector = as_vector(units.lead)
         self._limit: Vector = as_vector(units.torque)
         self._rate_limit, self._dt = units.rate_limit, units.dt
-        self._estimate = RotationEstimate()
+        self._attitude = HeldAttitude()
         self.reset()
 
     def reset(self) -> None:
         """Return to level, at rest."""
-        self._estimate.reset()
-        self._reference, self._R_d, self._integral = _ZERO, LEVEL, _ZERO
-        self._rate = _ZERO
+        self._attitude.reset()
+        self._integral = self._rate = _ZERO
         self._inputs = np.zeros((3, 1, INPUTS))
 
     def step(self, gyro: Iterable[float], reference: Iterable[float], force: Iterable[float], dt: float) -> Vector:
@@ -154,11 +146,8 @@ class Policy:
         """
         if dt != self._dt:
             raise ValueError(f"the policy is trained for samples of {self._dt} s, not {dt}")
-        rate, wanted = as_vector(gyro), as_vector(reference)
-        R = self._estimate.update(rate, dt)
-        if wanted != self._reference:
-            self._reference, self._R_d = wanted, rotation_matrix(wanted)
-        e1, e2, e3 = rotation_vector(R, self._R_d)
+        rate = as_vector(gyro)
+        e1, e2, e3 = rotation_vector(*self._attitude.update(rate, as_vector(reference), dt))
         a, b, c = self._lead
         s1, s2, s3 = shortened((a * e1, b * e2, c * e3), self._rate_limit)
         i1, i2, i3 = self._integral

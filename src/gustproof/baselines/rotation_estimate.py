@@ -71,6 +71,25 @@ class RotationEstimate:
         return self.R_NB
 
 
+class HeldAttitude:
+    """Attitude by the gyro, beside the one to hold; the matrix of a reference is made when it changes."""
+
+    def __init__(self) -> None:
+        self._estimate = RotationEstimate()
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to level, at rest, with level to hold."""
+        self._estimate.reset()
+        self._reference, self._R_d = (0.0, 0.0, 0.0), LEVEL
+
+    def update(self, gyro: Vector, reference: Vector, dt: float) -> tuple[Rotation, Rotation]:
+        """Return the attitude at a gyro sample [rad/s], see `RotationEstimate`, and the one to hold [rad] ZYX."""
+        if reference != self._reference:
+            self._reference, self._R_d = reference, rotation_matrix(reference)
+        return self._estimate.update(gyro, dt), self._R_d
+
+
 def rotation_matrix(euler: Vector) -> Rotation:
     """Return the rotation matrix of ZYX Euler angles phi, theta, psi [rad]."""
     phi, theta, psi = euler

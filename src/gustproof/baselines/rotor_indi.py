@@ -27,20 +27,12 @@ from collections.abc import Iterable, Sequence
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import (
-    LEVEL,
-    RotationEstimate,
-    as_vector,
-    rotation_matrix,
-    rotation_vector,
-    shortened,
-)
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes, tuning_scenario
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
 from gustproof.synthesis.pid.indi import IndiGains, indi_axis, indi_start, low_pass
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
 _SLOWEST = 0.05
 """[-] of the largest speed: rotors are not commanded below it, as their effectiveness ends there."""
 
@@ -82,13 +74,13 @@ class RotorIndi:
         self._roll, self._pitch, self._yaw = (rotors.thrust_max * rotors.wrench[:3]).tolist()
         self._share: list[list[float]] = (rotors.allocation[:, :3] / rotors.thrust_max).tolist()
         self._rest: list[float] = (rotors.allocation[:, 3] * weight / rotors.thrust_max).tolist()
-        self._estimate = RotationEstimate()
+        self._attitude = HeldAttitude()
         self.reset()
 
     def reset(self) -> None:
         """Return to hover, at rest."""
-        self._estimate.reset()
-        self._reference, self._R_d, self._dt = _ZERO, LEVEL, 0.0
+        self._attitude.reset()
+        self._dt = 0.0
         self._speed = self._sent = [math.sqrt(thrust) for thrust in self._rest]
 
     def _start(self, dt: float) -> None:
@@ -100,11 +92,8 @@ class RotorIndi:
         """Return the torque [N*m] B for a gyro sample [rad/s]; the specific force is not read."""
         if dt != self._dt:
             self._start(dt)
-        rates, wanted = as_vector(gyro), as_vector(reference)
-        R = self._estimate.update(rates, dt)
-        if wanted != self._reference:
-            self._reference, self._R_d = wanted, rotation_matrix(wanted)
-        e = rotation_vector(R, self._R_d)
+        rates = as_vector(gyro)
+        e = rotation_vector(*self._attitude.update(rates, as_vector(reference), dt))
         g1, g2, g3 = self._gains
         s = shortened((-g1.angle_p * e[0], -g2.angle_p * e[1], -g3.angle_p * e[2]), self._rate_limit)
         present = self._torques(self._speed)

@@ -20,13 +20,14 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import Campaign, Contestant, flies_in_lanes, parse_campaign
+from gustproof.entries.entry import Pilot
 from gustproof.scoring.metrics import FIGURE_UNITS, Metrics, measure
 from gustproof.scoring.requirements import judge, requirement_unit
 from gustproof.simulate.batch import Case, CaseResult, make_batch_simulator
 from gustproof.simulate.guest import ForeignAutopilot, GuestPlan, fly_guest
 from gustproof.simulate.kernels import LANES
 from gustproof.simulate.outcome import ENTRY_FAILURES, FlightOutcome
-from gustproof.simulate.pilots import fly_pilot
+from gustproof.simulate.pilots import PilotFlight, fly_pilot
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -125,21 +126,26 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
 
 
 def _make_simulator(campaign: Campaign, law: Contestant) -> Simulator:
-    scenario, nominal = campaign.scenario, campaign.vehicles.nominal
+    scenario = campaign.scenario
     if isinstance(law, ForeignAutopilot):
         return lambda cases: [_fly_guest(scenario, law, case) for case in cases]
     if not scenario.has_link_script and flies_in_lanes(law):
         return make_batch_simulator(scenario, law)
 
     def fly(case: Case) -> CaseResult:
-        script = case.apply_to(scenario)
-        flight = fly_pilot(script, law, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
+        script, flight = case.apply_to(scenario), _fly_alone(campaign, law, case)
         if flight.outcome in ENTRY_FAILURES:
             raise ValueError(flight.message)
         metrics = measure(flight.records, case.vehicle, script, 0.0)
         return CaseResult(metrics=metrics, requirements=judge(flight.records, script, case.vehicle))
 
     return lambda cases: [fly(case) for case in cases]
+
+
+def _fly_alone(campaign: Campaign, pilot: Pilot, case: Case) -> PilotFlight:
+    """Return the flight of a case; the maker of an entry gets the nominal vehicle."""
+    script, nominal = case.apply_to(campaign.scenario), campaign.vehicles.nominal
+    return fly_pilot(script, pilot, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
 
 
 def _fly_guest(scenario: Scenario, autopilot: ForeignAutopilot, case: Case) -> CaseResult:
@@ -157,7 +163,7 @@ def _check_diverged(campaign: Campaign, law: Contestant, case: Case, judged: Cas
         return judged
     if campaign.scenario.has_link_script or isinstance(law, ForeignAutopilot):
         return "diverged"
-    flight = fly_pilot(case.apply_to(campaign.scenario), law, vehicle=case.vehicle, seed=case.seed)
+    flight = _fly_alone(campaign, law, case)
     if flight.outcome in ENTRY_FAILURES:
         return flight.message
     records = flight.records

@@ -13,8 +13,8 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from gustproof.baselines.price import measure_price
-from gustproof.entries.entry import Entry, EntryKind, Pilot
-from gustproof.entries.library import load_library
+from gustproof.campaign.plan import flies_in_lanes
+from gustproof.entries.entry import Pilot
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.league.course import WORST_DEG
@@ -159,20 +159,14 @@ class Fly:
     def run(self) -> Result:
         """Return each flight's error, `None` if it failed, and why."""
         with np.errstate(all="ignore"):  # a flight that diverges is a result
-            flights = self._fly_lanes() if self._flies_in_lanes else [self._fly(seed) for seed in self.seeds]
+            in_lanes = flies_in_lanes(self.pilot) and not self.scenario.has_link_script
+            flights = self._fly_lanes() if in_lanes else [self._fly(seed) for seed in self.seeds]
         errors, failures = zip(*flights, strict=True)
         return {"errors_deg": list(errors), "failures": list(failures)}
 
     def fail(self, reason: str) -> Result:
         """Return the result of flights that all failed."""
         return {"errors_deg": [None] * len(self.seeds), "failures": [reason] * len(self.seeds)}
-
-    @property
-    def _flies_in_lanes(self) -> bool:
-        pilot = self.pilot
-        if isinstance(pilot, Entry) and (pilot.kind is not EntryKind.LIBRARY or load_library(pilot).is_single):
-            return False
-        return not self.scenario.has_link_script
 
     def _fly_lanes(self) -> list[tuple[float | None, str]]:
         cases = [Case(vehicle=self.vehicle, seed=seed) for seed in self.seeds]

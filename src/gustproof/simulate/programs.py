@@ -7,6 +7,7 @@ from typing import Any
 from firmware_model.autopilot.modes import Mode
 from firmware_model.mavlink.frames import RejectReason
 from gustproof.entries.entry import Entry, EntryKind, Pilot, find_program
+from gustproof.law.form import Law
 from gustproof.simulate.outcome import FlightOutcome
 
 _MOST_HELD = 0.05
@@ -29,12 +30,12 @@ def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bo
     ConfigError
         If the pilot is a program that is not there.
     """
-    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
-        return ["gustproof.controller.guard", *find_program(pilot.source)]
-    if isinstance(pilot, Entry):
-        flown = ["--controller", pilot.source, "--vehicle", str(files["nominal"])]
-    else:
+    if isinstance(pilot, Law):
         flown = ["--law", str(files["law"])]
+    elif pilot.kind is EntryKind.PROGRAM:
+        return ["gustproof.controller.guard", *find_program(pilot.source)]
+    else:
+        flown = ["--controller", pilot.source, "--vehicle", str(files["nominal"])]
     options = ["--json", "--exit-on-stdin-eof", *(["--real-time"] if real_time else [])]
     return ["gustproof.controller", *options, *flown, "--scenario", str(files["scenario"]), "--connect", "-"]
 

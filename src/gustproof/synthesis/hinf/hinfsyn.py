@@ -1,7 +1,7 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
@@ -10,10 +10,8 @@ from gustproof.errors import DesignError
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
+from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
-
-if TYPE_CHECKING:
-    import control
 
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
@@ -27,8 +25,10 @@ _PATIENCE = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HinfResult:
+class HinfResult(CheckedController):
     """A checked controller with its level and the evidence.
+
+    The central controller's states estimate those of P, in the order of P's. `norm` is an H-infinity norm.
 
     Examples
     --------
@@ -39,30 +39,12 @@ class HinfResult:
     True
     """
 
-    controller: Lti
-    """Central controller `u = K y` (positive feedback); its states estimate those of P, in the order of P's."""
     gamma_opt: float
     """[-] least level for which a controller exists, to 1e-7 relative, from above."""
-    gamma: float
-    """[-] level of the design."""
-    norm: float
-    """[-] H-infinity norm of the closed loop, computed from the loop alone; below `gamma`."""
-    omega: float
-    """[rad/s] frequency of that norm."""
     X: Matrix
     """(n, n) solution of the control Riccati equation at `gamma`."""
     Y: Matrix
     """(n, n) solution of the filter Riccati equation at `gamma`."""
-
-    @property
-    def K(self) -> "control.StateSpace":
-        """The central controller for python-control, a copy at each call."""
-        return self.controller.to_control()
-
-    @property
-    def order(self) -> int:
-        """Number of controller states."""
-        return self.controller.order
 
 
 class _RiccatiData(NamedTuple):
