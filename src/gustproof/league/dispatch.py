@@ -43,7 +43,12 @@ class Dispatcher:
             self._submit(self._waiting.popleft())
 
     def _submit(self, key: str) -> None:
-        self._running[self._pool.submit(run_task, self._tasks[key])] = key
+        try:
+            future = self._pool.submit(run_task, self._tasks[key])
+        except self._pool.death_errors as error:  # the workers died between two tasks
+            future = Future()
+            future.set_exception(error)
+        self._running[future] = key
 
     def _collect(self, key: str, future: Future[Result]) -> bool:
         """Store a result; return False if its worker died and the task is to run again, alone."""

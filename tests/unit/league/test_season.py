@@ -1,4 +1,6 @@
 import json
+from concurrent.futures import BrokenExecutor
+from typing import Any
 
 import pytest
 
@@ -65,6 +67,20 @@ def test_entrant_that_kills_its_workers_fails_and_the_others_fly(plan, here, tmp
     assert set(league.failures[0][0]["failures"]) == {"its process died"}
     assert league.failures[1][0]["failures"] == ["", ""]
     assert league.order == [1, 0]
+
+
+def test_pool_that_breaks_between_two_tasks_costs_no_result(plan, here, tmp_path) -> None:
+    class Breaking(here):
+        """Refuses its fourth task, whose workers are gone."""
+
+        def submit(self, function: Any, task: Any) -> Any:
+            if len(self.labels) == 3:
+                self.labels.append("refused")
+                raise BrokenExecutor
+            return super().submit(function, task)
+
+    league = fly_league(plan, tmp_path / "work", Breaking())
+    assert league.failures == fly_league(plan, tmp_path / "other", here()).failures
 
 
 def test_law_that_cannot_be_tuned_is_told_by_name(plan, here, tmp_path) -> None:
