@@ -11,6 +11,7 @@ from gustproof.lti.norms import hinf_norm
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
 from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
 
 _RESOLUTION = 1e-7
@@ -62,6 +63,10 @@ class _RiccatiData(NamedTuple):
     """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
     """Size of a solution, the scale for its eigenvalues."""
+    zeros: AxisZeros
+    """Zeros near the imaginary axis."""
+    quotient: "_RiccatiData | None"
+    """Data without the states of such zeros; `None` if there are none."""
 
 
 class _Solution(NamedTuple):
@@ -133,7 +138,10 @@ def hinfsyn(
 
 def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backoff: float) -> HinfResult:
     A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
-    halves = (_riccati_data(A, B, C[:p1], D[:p1], m1), _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1))
+    halves = (
+        _riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
+        _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
+    )
     gamma_opt = _least_level(halves, problem.floor)
     level = backoff * gamma_opt if gamma is None else gamma
     if level <= gamma_opt:
@@ -202,11 +210,20 @@ def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
         return -np.inf
 
 
-def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _RiccatiData:
+def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: AxisZeros) -> _RiccatiData:
     natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
     SB = np.hstack([D1.T @ C1, B.T])
-    return _RiccatiData(A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size)
+    quotient = None
+    if zeros.rest.shape[1] < A.shape[0]:
+        # u = -D12^T C1 x hides the states of the zeros from z, and leaves the solution as it is
+        N, D12 = zeros.rest, D1[:, m1:]
+        A_hidden, C_hidden = A - B[:, m1:] @ (D12.T @ C1), C1 - D12 @ (D12.T @ C1)
+        none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
+        quotient = _riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
+    return _RiccatiData(
+        A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size, zeros=zeros, quotient=quotient
+    )
 
 
 def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution:
@@ -226,23 +243,36 @@ def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution
 
 def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
     """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
-    n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
-    _, _, solved, singular = dgesv(R - gamma**2 * J, SB)
+    n, A, B, SB = half.A.shape[0], half.A, half.B, half.SB
+    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, SB)
     if singular:
         raise np.linalg.LinAlgError("R - gamma^2 J is singular")
     S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
+    if half.zeros.rest.shape[1] < n:
+        X, definite = _solve_quotient(half, gamma, RS, RB)
+        return X, -(RS + RB @ X), definite
     H = np.empty((2 * n, 2 * n))
     H[:n, :n] = A - B @ RS
     H[:n, n:] = -B @ RB
-    H[n:, :n] = S.T @ RS - Q
+    H[n:, :n] = S.T @ RS - half.Q
     H[n:, n:] = -H[:n, :n].T
     try:
         X = stabilizing_solution(H)
     except RiccatiError as error:
         raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from None
     eigenvalues = np.linalg.eigvalsh(X)
-    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], natural_size)
+    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
     return X, -(RS + RB @ X), bool(definite)
+
+
+def _solve_quotient(half: _RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
+    """Return a Riccati solution with the states of zeros near the axis split off, and True if it is not negative."""
+    X, definite, N = np.zeros_like(half.A), True, half.zeros.rest
+    if half.quotient is not None:
+        inner, _, definite = _solve_riccati(half.quotient, gamma)
+        X = N @ inner @ N.T
+    X, allowed = add_growing(half.zeros, X, half.A - half.B @ (RS + RB @ X), half.B @ RB)
+    return X, definite and allowed
 
 
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:
