@@ -29,22 +29,34 @@ class Units:
         """Measure of bad scaling [-]: largest ratio of two units of the states."""
         return float(np.max(self.x) / np.min(self.x))
 
+    @property
+    def changes_channels(self) -> bool:
+        """True if a control or a measurement has another unit than the plant's."""
+        return bool(np.any(self.u != 1.0) or np.any(self.y != 1.0))
+
+    def after(self, other: "Units") -> "Units":
+        """Return the units of a plant brought first into these and then into others."""
+        return Units(x=self.x * other.x, u=self.u * other.u, y=self.y * other.y)
+
     def apply(self, P: Lti, n_meas: int, n_con: int) -> Lti:
-        """Return the plant in the new units."""
+        """Return the plant in the new units; raise `OverflowError` if no float holds it."""
         p1, m1 = P.n_outputs - n_meas, P.n_inputs - n_con
         rows, columns = np.concatenate([np.ones(p1), self.y]), np.concatenate([np.ones(m1), self.u])
-        return Lti(
-            A=P.A * self.x / self.x[:, None],
-            B=P.B * columns / self.x[:, None],
-            C=rows[:, None] * P.C * self.x,
-            D=rows[:, None] * P.D * columns,
-            dt=P.dt,
-        )
+        A, B = P.A * self.x / self.x[:, None], P.B * columns / self.x[:, None]
+        C, D = rows[:, None] * P.C * self.x, rows[:, None] * P.D * columns
+        if not all(np.isfinite(matrix).all() for matrix in (A, B, C, D)):
+            raise OverflowError("its units differ by more than a float holds")
+        return Lti(A=A, B=B, C=C, D=D, dt=P.dt)
 
     def restore(self, K: Lti) -> Lti:
         """Return a controller in the old units; its states are in the units of the plant's."""
         x, u = self.x[:, None], self.u[:, None]
         return Lti(A=x * K.A / self.x, B=x * K.B * self.y, C=u * K.C / self.x, D=u * K.D * self.y, dt=K.dt)
+
+
+def own_units(P: Lti, n_meas: int, n_con: int) -> Units:
+    """Return the units that a plant has."""
+    return Units(x=np.ones(P.order), u=np.ones(n_con), y=np.ones(n_meas))
 
 
 def find_units(P: Lti, n_meas: int, n_con: int) -> Units:

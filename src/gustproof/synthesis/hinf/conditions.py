@@ -77,25 +77,27 @@ class NormalizedPlant:
         return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
 
 
+def require_sizes(P: Lti, n_meas: int, n_con: int) -> None:
+    """Raise a `ValueError` if a plant has no states, or none of w, z, u or y are left."""
+    if not P.order:
+        raise ValueError("P must have at least one state")
+    if min(n_con, n_meas, P.n_inputs - n_con, P.n_outputs - n_meas) < 1:
+        raise ValueError(
+            f"P is {P.n_outputs} x {P.n_inputs}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y"
+        )
+
+
 def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     """Return the normal form of `P`, or raise an error that names the failed condition.
 
     Raises
     ------
-    ValueError
-        If sizes do not fit, or `P` is discrete or has no states.
     SingularProblemError
         If D12 or D21 lacks rank, or there is a zero on the imaginary axis.
     DesignError
         If a mode cannot be stabilised or detected.
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
-    if P.dt or not P.order:
-        raise ValueError("P must be continuous, with at least one state")
-    if n_con < 1 or n_meas < 1 or m1 < 1 or p1 < 1:
-        raise ValueError(
-            f"P is {P.n_outputs} x {P.n_inputs}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y"
-        )
     B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
     D12, D21 = P.D[:p1, m1:], P.D[p1:, :m1]
     _require_rank(D12, "D12 lacks full column rank: a control is not weighted in z")

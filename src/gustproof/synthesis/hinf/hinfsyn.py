@@ -1,18 +1,19 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import hinf_norm
+from gustproof.lti.norms import Peak, bilinear_transform, hinf_norm
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
-from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
+from gustproof.synthesis.hinf.channels import Units, find_units, own_units
+from gustproof.synthesis.hinf.conditions import NormalizedPlant, SingularProblemError, normalize, require_sizes
 
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
@@ -21,6 +22,18 @@ _SEMIDEFINITE = 1e-9
 singular or 0; it becomes indefinite only through infinity."""
 _SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller still exists."""
+_BADLY_SCALED = 1e4
+"""[-] spread of the states' units from which a plant is solved in better ones. Below it, only if it fails in its own."""
+_NEAR_MINUS_ONE = 1e-3
+"""[-] distance of a discrete pole from z = -1 within which the sign of z is changed."""
+_REGULARIZATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+"""[-] weights tried, in units in which the plant is of order 1."""
+_NORM_ACCURACY = 1e-9
+"""[-] relative accuracy of the search for the peak of the closed loop."""
+_NEGLIGIBLE = 1e-5
+"""[-] part of the level that a smaller regularisation is not tried for."""
+_ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
+"""Errors by which arithmetic gives up."""
 _PATIENCE = 2
 """Number of secants without a Riccati solution after which brackets are only halved."""
 
@@ -41,11 +54,18 @@ class HinfResult(CheckedController):
     """
 
     gamma_opt: float
-    """[-] least level for which a controller exists, to 1e-7 relative, from above."""
+    """[-] least level for which a controller exists, to 1e-7 relative, from above; of the regularised plant if `P` is
+    singular. Levels below 1e-8 of the size of P are rounding."""
     X: Matrix
-    """(n, n) solution of the control Riccati equation at `gamma`."""
+    """(n, n) solution of the control Riccati equation at `gamma`; of the bilinear image if P is discrete."""
     Y: Matrix
     """(n, n) solution of the filter Riccati equation at `gamma`."""
+    norm_error: float = 0.0
+    """[-] rounding of `norm`, from two ways to compute the loop's gain at `omega`."""
+    regularization: float = 0.0
+    """[-] weight of the controls, states and noise added to a singular plant; 0 if there was no need."""
+    gamma_excess: float = 0.0
+    """[-] estimate of how much the regularisation adds to `gamma_opt`; infinite if it cannot be told."""
 
 
 class _RiccatiData(NamedTuple):
@@ -84,32 +104,48 @@ class _Solution(NamedTuple):
 
 
 def hinfsyn(
-    P: LinearSystem, n_meas: int, n_con: int, *, gamma: float | None = None, backoff: float = 1.05
+    P: LinearSystem,
+    n_meas: int,
+    n_con: int,
+    *,
+    gamma: float | None = None,
+    backoff: float = 1.05,
+    regularize: bool = False,
 ) -> HinfResult:
     """Return the central controller that keeps the H-infinity norm from w to z below a level.
 
     The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` are arbitrary.
+    A badly scaled plant is solved in units of powers of two, and zeros near the imaginary axis are split off the Riccati
+    equations. A discrete plant is mapped by the bilinear transformation. The returned loop's norm is always computed
+    from `P` itself, as it was given.
+
     Parts of the plant not joined by any path of coefficients are not joined in the controller either: exact zeros.
     Cost: some 25 Schur forms of order 2n, milliseconds at n = 9.
 
     Parameters
     ----------
     P
-        Continuous generalised plant, inputs (w, u), outputs (z, y).
+        Generalised plant, continuous or discrete, inputs (w, u), outputs (z, y).
     n_meas, n_con
         Number of measurements y and controls u.
     gamma
         [-] level to design for; `None` for `backoff` times the least.
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
+    regularize
+        True to solve a singular problem (D12 or D21 without full rank, a zero on the imaginary axis) with small weights
+        on controls and states and small noise on states and measurements. They only raise the norm of a loop. They fall
+        by tens until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
 
     Raises
     ------
     ValueError
-        If sizes do not fit, `P` is discrete, or `gamma` or `backoff` is out of range.
+        If sizes do not fit, or `gamma` or `backoff` is out of range.
+    SingularProblemError
+        If D12 or D21 lacks rank or there is a zero on the imaginary axis, and `regularize` is False.
     DesignError
-        If the problem is ill posed (the text names the failed condition), no controller exists at `gamma`, or rounding
-        spoilt the controller. A controller that does not stabilise or exceeds the level is never returned.
+        If a mode cannot be stabilised or detected, no controller exists at `gamma`, or rounding spoilt the controller.
+        The text names the failed condition. A controller that does not stabilise or exceeds the level is never returned.
 
     References
     ----------
@@ -130,38 +166,221 @@ def hinfsyn(
     if not (np.isfinite(backoff) and backoff > 1.0):
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
     plant = as_lti(P)
+    require_sizes(plant, n_meas, n_con)
+    design = _Design(n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
     try:
-        return _synthesize(plant, normalize(plant, n_meas, n_con), gamma, backoff)
-    except (np.linalg.LinAlgError, OverflowError) as error:
+        if not regularize:
+            return _check(plant, design.solve(_as_continuous(plant)))
+        return _solve_regularized(plant, design)
+    except _ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
-def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backoff: float) -> HinfResult:
-    A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
-    halves = (
-        _riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
-        _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
-    )
-    gamma_opt = _least_level(halves, problem.floor)
-    level = backoff * gamma_opt if gamma is None else gamma
-    if level <= gamma_opt:
-        raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
-    solution = _solve(halves, level)
-    if not solution.definite:
-        raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
-    if solution.margin <= 0.0:
-        raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
-    K = _decouple(_central_controller(problem, solution, level), plant)
-    spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
+class _Unchecked(NamedTuple):
+    """A controller that no closed loop has vouched for."""
+
+    K: Lti
+    """Continuous, in `units`."""
+    units: Units
+    gamma_opt: float
+    gamma: float
+    X: Matrix
+    Y: Matrix
+
+
+class _Design(NamedTuple):
+    """Demands on a controller."""
+
+    n_meas: int
+    n_con: int
+    gamma: float | None
+    backoff: float
+
+    def solve(self, plant: Lti) -> _Unchecked:
+        """Return the central controller of a continuous plant, in better units if it needs them."""
+        units = find_units(plant, self.n_meas, self.n_con)
+        if units.spread <= _BADLY_SCALED:
+            try:
+                return self._synthesize(plant)
+            except (DesignError, *_ROUNDING_ERRORS) as failure:
+                if units.spread == 1.0 and not units.changes_channels:
+                    raise
+                refusal = failure
+                try:
+                    return self._solve_scaled(plant, units)
+                except (DesignError, *_ROUNDING_ERRORS):
+                    raise refusal from None
+        return self._solve_scaled(plant, units)
+
+    def _solve_scaled(self, plant: Lti, units: Units) -> _Unchecked:
+        found = self._synthesize(units.apply(plant, self.n_meas, self.n_con))
+        back = units.x[:, None] * units.x
+        return found._replace(units=units, X=found.X / back, Y=found.Y * back)
+
+    def _synthesize(self, plant: Lti) -> _Unchecked:
+        problem = normalize(plant, self.n_meas, self.n_con)
+        A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
+        halves = (
+            _riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
+            _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
+        )
+        gamma_opt = _least_level(halves, problem.floor)
+        level = self.backoff * gamma_opt if self.gamma is None else self.gamma
+        if level <= gamma_opt:
+            raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
+        solution = _solve(halves, level)
+        if not solution.definite:
+            raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
+        if solution.margin <= 0.0:
+            raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
+        K = _decouple(_central_controller(problem, solution, level), plant)
+        units = own_units(plant, self.n_meas, self.n_con)
+        return _Unchecked(K=K, units=units, gamma_opt=gamma_opt, gamma=level, X=solution.X, Y=solution.Y)
+
+
+def _as_continuous(P: Lti) -> Lti:
+    """Return a plant of the same norms and controllers in continuous time, at a time unit of half a sample.
+
+    A pole at z = -1 would go to infinity; `z -> -z` moves it to the origin.
+    """
+    if not P.dt:
+        return P
+    sign = _time_sign(P)
+    return bilinear_transform(Lti(A=sign * P.A, B=sign * P.B, C=P.C, D=P.D, dt=2.0))
+
+
+def _time_sign(P: Lti) -> float:
+    """Return the sign of z with which no pole of the plant is near -1; raise if there is none."""
+    poles = P.poles()
+    distances = {sign: float(np.min(np.abs(sign * poles + 1.0))) for sign in (1.0, -1.0)}
+    sign = 1.0 if distances[1.0] > _NEAR_MINUS_ONE else -1.0
+    if distances[sign] <= _NEAR_MINUS_ONE:
+        raise DesignError("P has poles at z = -1 and at z = 1: the bilinear map has no place for both")
+    return sign
+
+
+def _as_discrete(K: Lti, P: Lti) -> Lti:
+    """Return the controller of the discrete plant `P` for that of `_as_continuous(P)`."""
+    if not P.dt:
+        return K
+    n, sign = K.order, _time_sign(P)
+    M = np.linalg.inv(np.eye(n) - K.A)
+    A, B = sign * M @ (np.eye(n) + K.A), sign * 2.0**0.5 * M @ K.B
+    return Lti(A=A, B=B, C=2.0**0.5 * K.C @ M, D=K.D + K.C @ M @ K.B, dt=P.dt)
+
+
+def _check(plant: Lti, found: _Unchecked) -> HinfResult:
+    """Return the controller with the norm of the loop that it closes; raise if that is not below its level.
+
+    The units of the loop change neither its norm nor, being powers of two, a digit of it.
+    """
+    K, spoilt = _as_discrete(found.K, plant), f"rounding spoilt the controller at gamma = {found.gamma:.6g}"
+    scaled = found.units.apply(plant, K.n_inputs, K.n_outputs)
     try:
-        peak = hinf_norm(lft(plant, K))
+        peak = hinf_norm(lft(scaled, K), accuracy=_NORM_ACCURACY)
     except ValueError as error:
         raise DesignError(f"{spoilt}: {error}") from None
-    if not peak.gain < level:
+    if not peak.gain < found.gamma:
         raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
     return HinfResult(
-        controller=K, gamma_opt=gamma_opt, gamma=level, norm=peak.gain, omega=peak.omega, X=solution.X, Y=solution.Y
+        controller=found.units.restore(K),
+        gamma_opt=found.gamma_opt,
+        gamma=found.gamma,
+        norm=peak.gain,
+        omega=peak.omega,
+        X=found.X,
+        Y=found.Y,
+        norm_error=_norm_error(scaled, K, peak),
     )
+
+
+def _norm_error(P: Lti, K: Lti, peak: Peak) -> float:
+    """Return a bound of the search for the peak, and by how much the gain there differs by way of computation.
+
+    The other way solves the equations of plant and controller together, where `lft` eliminates u and y first.
+    """
+    searched = 2.0 * _NORM_ACCURACY * peak.gain
+    if not np.isfinite(peak.omega):
+        return searched
+    n, k, m2, p2 = P.order, K.order, K.n_outputs, K.n_inputs
+    p1, m1 = P.n_outputs - p2, P.n_inputs - m2
+    point = np.exp(1j * peak.omega * P.dt) if P.dt else 1j * peak.omega
+    equations = np.zeros((n + k + m2 + p2, n + k + m2 + p2), dtype=np.complex128)
+    x, x_K, u, y = np.split(np.arange(len(equations)), [n, n + k, n + k + m2])
+    equations[np.ix_(x, x)], equations[np.ix_(x, u)] = point * np.eye(n) - P.A, -P.B[:, m1:]
+    equations[np.ix_(x_K, x_K)], equations[np.ix_(x_K, y)] = point * np.eye(k) - K.A, -K.B
+    equations[np.ix_(u, u)], equations[np.ix_(u, x_K)], equations[np.ix_(u, y)] = np.eye(m2), -K.C, -K.D
+    equations[np.ix_(y, y)], equations[np.ix_(y, x)], equations[np.ix_(y, u)] = np.eye(p2), -P.C[p1:], -P.D[p1:, m1:]
+    driven = np.zeros((len(equations), m1))
+    driven[x], driven[y] = P.B[:, :m1], P.D[p1:, :m1]
+    signals = np.linalg.solve(equations, driven)
+    other = np.linalg.norm(P.C[:p1] @ signals[x] + P.D[:p1, m1:] @ signals[u] + P.D[:p1, :m1], 2)
+    return searched + abs(float(other) - peak.gain)
+
+
+def _solve_regularized(plant: Lti, design: _Design) -> HinfResult:
+    """Return the controller of the plant itself if it is regular, else of the least regularisation that is solved.
+
+    The closed loop of the plant is a part of that of the regularised one, so its norm is not larger, whatever the
+    controller; a smaller regularisation has a smaller least level. The levels of a falling sequence tell what is left.
+    """
+    try:
+        return _check(plant, design.solve(_as_continuous(plant)))
+    except SingularProblemError as fault:
+        refusal: DesignError = fault
+    continuous = _as_continuous(plant)
+    units = find_units(continuous, design.n_meas, design.n_con)
+    scaled = units.apply(continuous, design.n_meas, design.n_con)
+    results: list[HinfResult] = []
+    for weight in _REGULARIZATIONS:
+        try:
+            found = design.solve(_regularized(scaled, design.n_meas, design.n_con, weight))
+            result = _check(plant, found._replace(units=units.after(found.units)))
+        except (DesignError, *_ROUNDING_ERRORS) as failure:
+            if results:
+                break
+            refusal = failure if isinstance(failure, DesignError) else refusal
+            continue
+        levels = [each.gamma_opt for each in results] + [result.gamma_opt]
+        if not _is_converging(levels):
+            break
+        results.append(replace(result, regularization=weight, gamma_excess=_remaining(levels)))
+        if results[-1].gamma_excess <= _NEGLIGIBLE * result.gamma_opt:
+            break
+    if not results:
+        raise refusal
+    return results[-1]
+
+
+def _is_converging(levels: list[float]) -> bool:
+    """Return False if the last of a falling sequence shows that rounding has taken over."""
+    steps = -np.diff(levels[-3:])
+    return not np.any(steps < -2.0 * _RESOLUTION * levels[-1]) and (len(steps) < 2 or steps[1] <= steps[0])
+
+
+def _remaining(levels: list[float]) -> float:
+    """Return how far a falling sequence is from its limit, by its last three members as a geometric one."""
+    if len(levels) < 2:
+        return np.inf
+    rounding = 2.0 * _RESOLUTION * levels[-1]
+    last = max(levels[-2] - levels[-1], rounding)
+    if len(levels) == 2 or last == rounding:
+        return last
+    first = levels[-3] - levels[-2]
+    return max(last * last / (first - last), rounding) if first > last else np.inf
+
+
+def _regularized(P: Lti, n_meas: int, n_con: int, weight: float) -> Lti:
+    """Return the plant with weighted states and controls added to z, and noise on both states and measurements to w."""
+    n, p1, m1 = P.order, P.n_outputs - n_meas, P.n_inputs - n_con
+    x, u, y = (weight * np.eye(size) for size in (n, n_con, n_meas))
+    B = np.hstack([P.B[:, :m1], x, np.zeros((n, n_meas)), P.B[:, m1:]])
+    C = np.vstack([P.C[:p1], x, np.zeros((n_con, n)), P.C[p1:]])
+    D = np.zeros((C.shape[0], B.shape[1]))
+    D[:p1, :m1], D[:p1, -n_con:] = P.D[:p1, :m1], P.D[:p1, m1:]
+    D[-n_meas:, :m1], D[-n_meas:, -n_con:] = P.D[p1:, :m1], P.D[p1:, m1:]
+    D[p1 + n : -n_meas, -n_con:], D[-n_meas:, m1 + n : -n_con] = u, y
+    return Lti(A=P.A, B=B, C=C, D=D, dt=P.dt)
 
 
 def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
