@@ -3,14 +3,22 @@
 Those of w and z are part of the problem: other ones would change the norm, a common factor only the level.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
+from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, Matrix
 
 _SWEEPS = 30
 """Number of rounds of the search for units; it stops when none changes."""
+
+_BADLY_SCALED = 1e4
+"""[-] spread of the states' units from which a plant is solved in better ones; below it, only if its own fail."""
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,12 +38,11 @@ class Units:
         return float(np.max(self.x) / np.min(self.x))
 
     @property
-    def changes_channels(self) -> bool:
-        """True if a control or a measurement has another unit than the plant's."""
-        return bool(np.any(self.u != 1.0) or np.any(self.y != 1.0))
+    def is_identity(self) -> bool:
+        """True if no unit differs from the plant's."""
+        return all(np.all(each == 1.0) for each in (self.x, self.u, self.y))
 
-    def after(self, other: "Units") -> "Units":
-        """Return the units of a plant brought first into these and then into others."""
+    def __mul__(self, other: "Units") -> "Units":
         return Units(x=self.x * other.x, u=self.u * other.u, y=self.y * other.y)
 
     def apply(self, P: Lti, n_meas: int, n_con: int) -> Lti:
@@ -52,6 +59,26 @@ class Units:
         """Return a controller in the old units; its states are in the units of the plant's."""
         x, u = self.x[:, None], self.u[:, None]
         return Lti(A=x * K.A / self.x, B=x * K.B * self.y, C=u * K.C / self.x, D=u * K.D * self.y, dt=K.dt)
+
+
+def solve_in_best_units(P: Lti, n_meas: int, n_con: int, solve: Callable[[Lti, Units], Found]) -> Found:
+    """Return `solve` of a plant in its own units and these, or in better ones if its own are bad or fail.
+
+    The first error counts if both fail.
+    """
+    own, better = own_units(P, n_meas, n_con), find_units(P, n_meas, n_con)
+    if better.spread > _BADLY_SCALED:
+        return solve(better.apply(P, n_meas, n_con), better)
+    try:
+        return solve(P, own)
+    except (DesignError, np.linalg.LinAlgError, OverflowError) as failure:
+        if better.is_identity:
+            raise
+        refusal = failure
+    try:
+        return solve(better.apply(P, n_meas, n_con), better)
+    except (DesignError, np.linalg.LinAlgError, OverflowError):
+        raise refusal from None
 
 
 def own_units(P: Lti, n_meas: int, n_con: int) -> Units:

@@ -4,36 +4,21 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import Peak, bilinear_transform, hinf_norm
-from gustproof.lti.riccati import RiccatiError, stabilizing_solution
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti
 from gustproof.synthesis.checked_controller import CheckedController
-from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
-from gustproof.synthesis.hinf.channels import Units, find_units, own_units
+from gustproof.synthesis.hinf.channels import Units, find_units, own_units, solve_in_best_units
+from gustproof.synthesis.hinf.closed_loop import loop_norm
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, SingularProblemError, normalize, require_sizes
+from gustproof.synthesis.hinf.discrete_image import continuous_image, discrete_original
+from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, regularized, solve_regularized
+from gustproof.synthesis.hinf.riccati_half import RiccatiData, riccati_data, solve_riccati
 
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
-_SEMIDEFINITE = 1e-9
-"""[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
-singular or 0; it becomes indefinite only through infinity."""
 _SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller still exists."""
-_BADLY_SCALED = 1e4
-"""[-] spread of the states' units from which a plant is solved in better ones. Below it, only if it fails in its own."""
-_NEAR_MINUS_ONE = 1e-3
-"""[-] distance of a discrete pole from z = -1 within which the sign of z is changed."""
-_REGULARIZATIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-"""[-] weights tried, in units in which the plant is of order 1."""
-_NORM_ACCURACY = 1e-9
-"""[-] relative accuracy of the search for the peak of the closed loop."""
-_NEGLIGIBLE = 1e-5
-"""[-] part of the level that a smaller regularisation is not tried for."""
-_ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
-"""Errors by which arithmetic gives up."""
 _PATIENCE = 2
 """Number of secants without a Riccati solution after which brackets are only halved."""
 
@@ -68,27 +53,6 @@ class HinfResult(CheckedController):
     """[-] estimate of how much the regularisation adds to `gamma_opt`; infinite if it cannot be told."""
 
 
-class _RiccatiData(NamedTuple):
-    """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
-
-    A: Matrix
-    B: Matrix
-    R: Matrix
-    """(m1 + m2, m1 + m2) D1^T D1."""
-    SB: Matrix
-    """(m1 + m2, 2n) S = D1^T C1, then B^T."""
-    Q: Matrix
-    """(n, n) C1^T C1."""
-    J: Matrix
-    """(m1 + m2, m1 + m2) identity on w, 0 on u."""
-    natural_size: float
-    """Size of a solution, the scale for its eigenvalues."""
-    zeros: AxisZeros
-    """Zeros near the imaginary axis."""
-    quotient: "_RiccatiData | None"
-    """Data without the states of such zeros; `None` if there are none."""
-
-
 class _Solution(NamedTuple):
     """Solutions of the two Riccati equations at one level, in normalised coordinates."""
 
@@ -115,7 +79,7 @@ def hinfsyn(
     """Return the central controller that keeps the H-infinity norm from w to z below a level.
 
     The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` are arbitrary.
-    A badly scaled plant is solved in units of powers of two, and zeros near the imaginary axis are split off the Riccati
+    A badly scaled plant is solved in units of powers of two. Zeros near the imaginary axis are split off the Riccati
     equations. A discrete plant is mapped by the bilinear transformation. The returned loop's norm is always computed
     from `P` itself, as it was given.
 
@@ -145,7 +109,7 @@ def hinfsyn(
         If D12 or D21 lacks rank or there is a zero on the imaginary axis, and `regularize` is False.
     DesignError
         If a mode cannot be stabilised or detected, no controller exists at `gamma`, or rounding spoilt the controller.
-        The text names the failed condition. A controller that does not stabilise or exceeds the level is never returned.
+        The text names the failed condition. A controller that does not keep its level is never returned.
 
     References
     ----------
@@ -167,62 +131,80 @@ def hinfsyn(
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
     plant = as_lti(P)
     require_sizes(plant, n_meas, n_con)
-    design = _Design(n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
+    design = _Design(plant=plant, n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
     try:
-        if not regularize:
-            return _check(plant, design.solve(_as_continuous(plant)))
-        return _solve_regularized(plant, design)
-    except _ROUNDING_ERRORS as error:
+        return design.solve(regularize=regularize)
+    except ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
-class _Unchecked(NamedTuple):
-    """A controller that no closed loop has vouched for."""
-
-    K: Lti
-    """Continuous, in `units`."""
-    units: Units
-    gamma_opt: float
-    gamma: float
-    X: Matrix
-    Y: Matrix
-
-
 class _Design(NamedTuple):
-    """Demands on a controller."""
+    """A plant, as it was given, and the demands on its controller."""
 
+    plant: Lti
     n_meas: int
     n_con: int
     gamma: float | None
     backoff: float
 
-    def solve(self, plant: Lti) -> _Unchecked:
-        """Return the central controller of a continuous plant, in better units if it needs them."""
-        units = find_units(plant, self.n_meas, self.n_con)
-        if units.spread <= _BADLY_SCALED:
-            try:
-                return self._synthesize(plant)
-            except (DesignError, *_ROUNDING_ERRORS) as failure:
-                if units.spread == 1.0 and not units.changes_channels:
-                    raise
-                refusal = failure
-                try:
-                    return self._solve_scaled(plant, units)
-                except (DesignError, *_ROUNDING_ERRORS):
-                    raise refusal from None
-        return self._solve_scaled(plant, units)
+    def solve(self, *, regularize: bool) -> HinfResult:
+        """Return the controller of the plant, or of the least regularisation that is useful."""
+        image, sizes = continuous_image(self.plant), (self.n_meas, self.n_con)
+        try:
+            return self._solve_image(image, own_units(image, *sizes))
+        except SingularProblemError as fault:
+            if not regularize:
+                raise
+            refusal = fault
+        units = find_units(image, *sizes)
+        scaled = units.apply(image, *sizes)
+        result, weight, excess = solve_regularized(
+            lambda weight: self._solve_image(regularized(scaled, *sizes, weight), units),
+            lambda result: result.gamma_opt,
+            refusal,
+        )
+        return replace(result, regularization=weight, gamma_excess=excess)
 
-    def _solve_scaled(self, plant: Lti, units: Units) -> _Unchecked:
-        found = self._synthesize(units.apply(plant, self.n_meas, self.n_con))
+    def _solve_image(self, image: Lti, units: Units) -> HinfResult:
+        """Return the checked controller of an image of the plant in `units`."""
+        return solve_in_best_units(
+            image, self.n_meas, self.n_con, lambda scaled, more: self._solve(scaled, units * more)
+        )
+
+    def _solve(self, image: Lti, units: Units) -> HinfResult:
+        """Return the central controller, with the norm of the loop that it closes; raise if its level is exceeded.
+
+        The units of the loop change neither its norm nor, being powers of two, a digit of it.
+        """
+        problem = normalize(image, self.n_meas, self.n_con)
+        gamma_opt, level, solution = self._solve_equations(problem)
+        K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
+        spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
+        try:
+            peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
+        except ValueError as failure:
+            raise DesignError(f"{spoilt}: {failure}") from None
+        if not peak.gain < level:
+            raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
         back = units.x[:, None] * units.x
-        return found._replace(units=units, X=found.X / back, Y=found.Y * back)
+        return HinfResult(
+            controller=units.restore(K),
+            gamma_opt=gamma_opt,
+            gamma=level,
+            norm=peak.gain,
+            omega=peak.omega,
+            checks=("the loop of the given plant is stable", "its norm, from its state space alone, is below gamma"),
+            X=solution.X / back,
+            Y=solution.Y * back,
+            norm_error=error,
+        )
 
-    def _synthesize(self, plant: Lti) -> _Unchecked:
-        problem = normalize(plant, self.n_meas, self.n_con)
+    def _solve_equations(self, problem: NormalizedPlant) -> tuple[float, float, _Solution]:
+        """Return the least level, the level to design for and the solutions there."""
         A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
         halves = (
-            _riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
-            _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
+            riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
+            riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
         )
         gamma_opt = _least_level(halves, problem.floor)
         level = self.backoff * gamma_opt if self.gamma is None else self.gamma
@@ -233,157 +215,10 @@ class _Design(NamedTuple):
             raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
         if solution.margin <= 0.0:
             raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
-        K = _decouple(_central_controller(problem, solution, level), plant)
-        units = own_units(plant, self.n_meas, self.n_con)
-        return _Unchecked(K=K, units=units, gamma_opt=gamma_opt, gamma=level, X=solution.X, Y=solution.Y)
+        return gamma_opt, level, solution
 
 
-def _as_continuous(P: Lti) -> Lti:
-    """Return a plant of the same norms and controllers in continuous time, at a time unit of half a sample.
-
-    A pole at z = -1 would go to infinity; `z -> -z` moves it to the origin.
-    """
-    if not P.dt:
-        return P
-    sign = _time_sign(P)
-    return bilinear_transform(Lti(A=sign * P.A, B=sign * P.B, C=P.C, D=P.D, dt=2.0))
-
-
-def _time_sign(P: Lti) -> float:
-    """Return the sign of z with which no pole of the plant is near -1; raise if there is none."""
-    poles = P.poles()
-    distances = {sign: float(np.min(np.abs(sign * poles + 1.0))) for sign in (1.0, -1.0)}
-    sign = 1.0 if distances[1.0] > _NEAR_MINUS_ONE else -1.0
-    if distances[sign] <= _NEAR_MINUS_ONE:
-        raise DesignError("P has poles at z = -1 and at z = 1: the bilinear map has no place for both")
-    return sign
-
-
-def _as_discrete(K: Lti, P: Lti) -> Lti:
-    """Return the controller of the discrete plant `P` for that of `_as_continuous(P)`."""
-    if not P.dt:
-        return K
-    n, sign = K.order, _time_sign(P)
-    M = np.linalg.inv(np.eye(n) - K.A)
-    A, B = sign * M @ (np.eye(n) + K.A), sign * 2.0**0.5 * M @ K.B
-    return Lti(A=A, B=B, C=2.0**0.5 * K.C @ M, D=K.D + K.C @ M @ K.B, dt=P.dt)
-
-
-def _check(plant: Lti, found: _Unchecked) -> HinfResult:
-    """Return the controller with the norm of the loop that it closes; raise if that is not below its level.
-
-    The units of the loop change neither its norm nor, being powers of two, a digit of it.
-    """
-    K, spoilt = _as_discrete(found.K, plant), f"rounding spoilt the controller at gamma = {found.gamma:.6g}"
-    scaled = found.units.apply(plant, K.n_inputs, K.n_outputs)
-    try:
-        peak = hinf_norm(lft(scaled, K), accuracy=_NORM_ACCURACY)
-    except ValueError as error:
-        raise DesignError(f"{spoilt}: {error}") from None
-    if not peak.gain < found.gamma:
-        raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
-    return HinfResult(
-        controller=found.units.restore(K),
-        gamma_opt=found.gamma_opt,
-        gamma=found.gamma,
-        norm=peak.gain,
-        omega=peak.omega,
-        X=found.X,
-        Y=found.Y,
-        norm_error=_norm_error(scaled, K, peak),
-    )
-
-
-def _norm_error(P: Lti, K: Lti, peak: Peak) -> float:
-    """Return a bound of the search for the peak, and by how much the gain there differs by way of computation.
-
-    The other way solves the equations of plant and controller together, where `lft` eliminates u and y first.
-    """
-    searched = 2.0 * _NORM_ACCURACY * peak.gain
-    if not np.isfinite(peak.omega):
-        return searched
-    n, k, m2, p2 = P.order, K.order, K.n_outputs, K.n_inputs
-    p1, m1 = P.n_outputs - p2, P.n_inputs - m2
-    point = np.exp(1j * peak.omega * P.dt) if P.dt else 1j * peak.omega
-    equations = np.zeros((n + k + m2 + p2, n + k + m2 + p2), dtype=np.complex128)
-    x, x_K, u, y = np.split(np.arange(len(equations)), [n, n + k, n + k + m2])
-    equations[np.ix_(x, x)], equations[np.ix_(x, u)] = point * np.eye(n) - P.A, -P.B[:, m1:]
-    equations[np.ix_(x_K, x_K)], equations[np.ix_(x_K, y)] = point * np.eye(k) - K.A, -K.B
-    equations[np.ix_(u, u)], equations[np.ix_(u, x_K)], equations[np.ix_(u, y)] = np.eye(m2), -K.C, -K.D
-    equations[np.ix_(y, y)], equations[np.ix_(y, x)], equations[np.ix_(y, u)] = np.eye(p2), -P.C[p1:], -P.D[p1:, m1:]
-    driven = np.zeros((len(equations), m1))
-    driven[x], driven[y] = P.B[:, :m1], P.D[p1:, :m1]
-    signals = np.linalg.solve(equations, driven)
-    other = np.linalg.norm(P.C[:p1] @ signals[x] + P.D[:p1, m1:] @ signals[u] + P.D[:p1, :m1], 2)
-    return searched + abs(float(other) - peak.gain)
-
-
-def _solve_regularized(plant: Lti, design: _Design) -> HinfResult:
-    """Return the controller of the plant itself if it is regular, else of the least regularisation that is solved.
-
-    The closed loop of the plant is a part of that of the regularised one, so its norm is not larger, whatever the
-    controller; a smaller regularisation has a smaller least level. The levels of a falling sequence tell what is left.
-    """
-    try:
-        return _check(plant, design.solve(_as_continuous(plant)))
-    except SingularProblemError as fault:
-        refusal: DesignError = fault
-    continuous = _as_continuous(plant)
-    units = find_units(continuous, design.n_meas, design.n_con)
-    scaled = units.apply(continuous, design.n_meas, design.n_con)
-    results: list[HinfResult] = []
-    for weight in _REGULARIZATIONS:
-        try:
-            found = design.solve(_regularized(scaled, design.n_meas, design.n_con, weight))
-            result = _check(plant, found._replace(units=units.after(found.units)))
-        except (DesignError, *_ROUNDING_ERRORS) as failure:
-            if results:
-                break
-            refusal = failure if isinstance(failure, DesignError) else refusal
-            continue
-        levels = [each.gamma_opt for each in results] + [result.gamma_opt]
-        if not _is_converging(levels):
-            break
-        results.append(replace(result, regularization=weight, gamma_excess=_remaining(levels)))
-        if results[-1].gamma_excess <= _NEGLIGIBLE * result.gamma_opt:
-            break
-    if not results:
-        raise refusal
-    return results[-1]
-
-
-def _is_converging(levels: list[float]) -> bool:
-    """Return False if the last of a falling sequence shows that rounding has taken over."""
-    steps = -np.diff(levels[-3:])
-    return not np.any(steps < -2.0 * _RESOLUTION * levels[-1]) and (len(steps) < 2 or steps[1] <= steps[0])
-
-
-def _remaining(levels: list[float]) -> float:
-    """Return how far a falling sequence is from its limit, by its last three members as a geometric one."""
-    if len(levels) < 2:
-        return np.inf
-    rounding = 2.0 * _RESOLUTION * levels[-1]
-    last = max(levels[-2] - levels[-1], rounding)
-    if len(levels) == 2 or last == rounding:
-        return last
-    first = levels[-3] - levels[-2]
-    return max(last * last / (first - last), rounding) if first > last else np.inf
-
-
-def _regularized(P: Lti, n_meas: int, n_con: int, weight: float) -> Lti:
-    """Return the plant with weighted states and controls added to z, and noise on both states and measurements to w."""
-    n, p1, m1 = P.order, P.n_outputs - n_meas, P.n_inputs - n_con
-    x, u, y = (weight * np.eye(size) for size in (n, n_con, n_meas))
-    B = np.hstack([P.B[:, :m1], x, np.zeros((n, n_meas)), P.B[:, m1:]])
-    C = np.vstack([P.C[:p1], x, np.zeros((n_con, n)), P.C[p1:]])
-    D = np.zeros((C.shape[0], B.shape[1]))
-    D[:p1, :m1], D[:p1, -n_con:] = P.D[:p1, :m1], P.D[:p1, m1:]
-    D[-n_meas:, :m1], D[-n_meas:, -n_con:] = P.D[p1:, :m1], P.D[p1:, m1:]
-    D[p1 + n : -n_meas, -n_con:], D[-n_meas:, m1 + n : -n_con] = u, y
-    return Lti(A=P.A, B=B, C=C, D=D, dt=P.dt)
-
-
-def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
+def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
     Secants converge to the zero of the margin. If they are slow, the bracket is halved on a logarithmic scale. The same
@@ -421,7 +256,7 @@ def _secant_zero(seen: list[tuple[float, float]]) -> float:
     return last - margin * (last - first) / (margin - its_margin)
 
 
-def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
+def _margin(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> float:
     """Return the margin at a level; minus infinity if a Riccati solution does not exist."""
     try:
         return _solve(halves, gamma).margin
@@ -429,26 +264,10 @@ def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
         return -np.inf
 
 
-def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: AxisZeros) -> _RiccatiData:
-    natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
-    J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
-    SB = np.hstack([D1.T @ C1, B.T])
-    quotient = None
-    if zeros.rest.shape[1] < A.shape[0]:
-        # u = -D12^T C1 x hides the states of the zeros from z, and leaves the solution as it is
-        N, D12 = zeros.rest, D1[:, m1:]
-        A_hidden, C_hidden = A - B[:, m1:] @ (D12.T @ C1), C1 - D12 @ (D12.T @ C1)
-        none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
-        quotient = _riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
-    return _RiccatiData(
-        A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size, zeros=zeros, quotient=quotient
-    )
-
-
-def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution:
+def _solve(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> _Solution:
     """Return both Riccati solutions, gains and the margin at the level `gamma`; raise if a solution does not exist."""
-    X, F, X_definite = _solve_riccati(halves[0], gamma)
-    Y, Lt, Y_definite = _solve_riccati(halves[1], gamma)
+    X, F, X_definite = solve_riccati(halves[0], gamma)
+    Y, Lt, Y_definite = solve_riccati(halves[1], gamma)
     eigenvalues = np.linalg.eigvals(X @ Y)
     dominant = float(eigenvalues[np.argmax(np.abs(eigenvalues))].real)
     definite = X_definite and Y_definite
@@ -458,40 +277,6 @@ def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution
     if not definite and margin > 0.0:
         margin = -np.inf
     return _Solution(X=X, Y=Y, F=F, L=Lt.T, definite=definite, margin=margin)
-
-
-def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
-    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
-    n, A, B, SB = half.A.shape[0], half.A, half.B, half.SB
-    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, SB)
-    if singular:
-        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
-    S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
-    if half.zeros.rest.shape[1] < n:
-        X, definite = _solve_quotient(half, gamma, RS, RB)
-        return X, -(RS + RB @ X), definite
-    H = np.empty((2 * n, 2 * n))
-    H[:n, :n] = A - B @ RS
-    H[:n, n:] = -B @ RB
-    H[n:, :n] = S.T @ RS - half.Q
-    H[n:, n:] = -H[:n, :n].T
-    try:
-        X = stabilizing_solution(H)
-    except RiccatiError as error:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from None
-    eigenvalues = np.linalg.eigvalsh(X)
-    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
-    return X, -(RS + RB @ X), bool(definite)
-
-
-def _solve_quotient(half: _RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
-    """Return a Riccati solution with the states of zeros near the axis split off, and True if it is not negative."""
-    X, definite, N = np.zeros_like(half.A), True, half.zeros.rest
-    if half.quotient is not None:
-        inner, _, definite = _solve_riccati(half.quotient, gamma)
-        X = N @ inner @ N.T
-    X, allowed = add_growing(half.zeros, X, half.A - half.B @ (RS + RB @ X), half.B @ RB)
-    return X, definite and allowed
 
 
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:
