@@ -1,23 +1,21 @@
 """Fixed-order, fixed-structure H-infinity synthesis by non-smooth optimisation: `hinfstruct`."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import Peak, hinf_norm
+from gustproof.law.discretize import tustin
+from gustproof.lti.norms import Peak, bilinear_transform, hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, lft
+from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.structured.blocks import Structure, full_structure
 from gustproof.synthesis.structured.goals import GainGoal, Goal
 from gustproof.synthesis.structured.loop import augment_plant, close_loop, loop_peak
 from gustproof.synthesis.structured.objective import PenaltyFunction, Problem
 from gustproof.synthesis.structured.search import minimize
-
-if TYPE_CHECKING:
-    import control
 
 _BACKOFFS = (1.1, 1.3, 3.0)
 """[-] levels over the least of the central controllers that are reduced to starting points."""
@@ -26,6 +24,8 @@ _STABLE_ABSCISSA = -1e-3
 _STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
 _PERTURBATION = 0.03
 """[-] relative size of the random change to all parameters of the best before its search is repeated."""
+_SINGULAR = 1e10
+"""[-] condition number of `A + I` beyond which a sampled plant has a pole at z = -1."""
 _PENALTY, _PENALTY_GROWTH, _ROUNDS = 10.0, 10.0, 12
 """Initial penalty factor of a hard goal, its growth where it is too low, and the largest number of rounds."""
 _AGREEMENT = 1e-5
@@ -50,15 +50,12 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StructResult:
-    """A controller of the required structure, its norm, and a record of the search."""
+class StructResult(CheckedController):
+    """A controller of the required structure and a record of its search; states are those of the blocks in order.
 
-    controller: Lti
-    """`u = K y` (positive feedback); its states are those of the blocks in their order."""
-    gamma: float
-    """[-] H-infinity norm from w to z, worst over the models, computed from the closed loops alone."""
-    omega: float
-    """[rad/s] frequency of that norm."""
+    The level `gamma` is the achieved `norm` itself, worst over the models.
+    """
+
     target: float
     """[-] the minimised target: `gamma` unless another soft goal was given."""
     hard_goals: dict[str, float]
@@ -75,21 +72,6 @@ class StructResult:
     """All starts in the order of the search."""
     evaluations: int
     """Number of evaluations of the objective."""
-
-    @property
-    def K(self) -> "control.StateSpace":
-        """The controller for python-control, a copy at each call."""
-        return self.controller.to_control()
-
-    @property
-    def order(self) -> int:
-        """Number of controller states."""
-        return self.controller.order
-
-    @property
-    def norm(self) -> float:
-        """The achieved norm [-], equal to the level."""
-        return self.gamma
 
 
 def hinfstruct(
@@ -118,7 +100,8 @@ def hinfstruct(
     Parameters
     ----------
     P
-        Continuous generalised plant, inputs (w, u), outputs (z, y); or several, of which the worst counts.
+        Generalised plant, inputs (w, u), outputs (z, y); or several, of which the worst counts. All are continuous, or
+        have one sample time: the controller is then sampled too, and its norm that of the sampled loop.
     n_meas, n_con
         Number of measurements y and controls u.
     order
@@ -132,14 +115,14 @@ def hinfstruct(
     soft_goal
         Goal to minimise instead of the norm from w to z.
     hard_goals
-        Goals to satisfy.
+        Goals to satisfy, such as a `DecayGoal` or a bound on the controller's entries.
     progress
         Callback for the fraction done and the best result so far.
 
     Raises
     ------
     ValueError
-        If sizes do not fit, a model is discrete, or an argument is out of range.
+        If sizes or sample times do not fit, a sampled model has a pole at z = -1, or an argument is out of range.
     DesignError
         If no start led to a stable loop that satisfies the hard goals; the text names each start's failure. This does
         not prove that there is no such controller.
@@ -159,7 +142,7 @@ def hinfstruct(
     '0.15, least of any order 0.15'
     """
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
-    structure = full_structure(order, n_meas, n_con) if structure is None else structure
+    structure = full_structure(order, n_meas, n_con, dt=models[0].dt) if structure is None else structure
     _check_sizes(models, structure, n_meas, n_con, starts)
     target = GainGoal() if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
@@ -213,8 +196,10 @@ def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_c
     if (structure.n_meas, structure.n_con) != (n_meas, n_con):
         raise ValueError(f"the structure is {structure.n_con} x {structure.n_meas}, K must be {n_con} x {n_meas}")
     for model in models:
-        if model.dt:
-            raise ValueError("P must be continuous")
+        if model.dt != structure.dt:
+            raise ValueError(f"P has the sample time {model.dt} s, the structure {structure.dt} s (0: continuous)")
+        if model.dt and np.linalg.cond(model.A + np.eye(model.order)) > _SINGULAR:
+            raise ValueError("P has a pole at z = -1, where the bilinear transformation is singular")
         if min(n_meas, n_con, model.n_outputs - n_meas, model.n_inputs - n_con) < 1:
             size = f"{model.n_outputs} x {model.n_inputs}"
             raise ValueError(f"P is {size}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y")
@@ -229,9 +214,10 @@ def _starting_points(
     gamma_opt = None
     try:
         for backoff in _BACKOFFS:
-            central = hinfsyn(model, n_meas, n_con, backoff=backoff)
+            central = hinfsyn(bilinear_transform(model) if model.dt else model, n_meas, n_con, backoff=backoff)
             gamma_opt = central.gamma_opt
-            theta = structure.fit(central.controller) if structure.order else None
+            K = tustin(central.controller, model.dt) if model.dt else central.controller
+            theta = structure.fit(K) if structure.order else None
             if theta is not None:
                 found.append((f"central {backoff:g}", theta))
     except (DesignError, ValueError):  # not solvable, or a plant without states: random starts only
@@ -251,8 +237,7 @@ def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Mat
     ):
         return Start(name=name, target=np.inf, failure=f"unstable, abscissa {stable.value:.3g}"), theta
     if problem.hard_goals:
-        theta = _find_minimum(objective.use_penalty(np.inf), theta, stop_below=0.0)
-        _, hard = objective.goal_values(theta)
+        theta, hard = _satisfy(objective, theta)
         if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in hard.items() if not value <= 1.0]:
             return Start(name=name, target=np.inf, failure=", ".join(wrong)), theta
         theta = _trade_off(objective, theta)
@@ -261,6 +246,22 @@ def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Mat
     target = objective.goal_values(theta)[0]
     failure = "" if np.isfinite(target) else "the target is infinite: white noise passes straight through"
     return Start(name=name, target=target, failure=failure), theta
+
+
+def _satisfy(objective: PenaltyFunction, theta: Matrix) -> tuple[Matrix, dict[str, float]]:
+    """Return parameters that satisfy the hard goals, if found near `theta`, and the goals' values.
+
+    Poles that meet have no gradient. A search that ends at them continues beside them.
+    """
+    rng = np.random.default_rng(theta.size)
+    for _ in range(_RESTARTS + 1):
+        theta = _find_minimum(objective.use_penalty(np.inf), theta, stop_below=0.0)
+        _, hard = objective.goal_values(theta)
+        if max(hard.values(), default=0.0) <= 1.0:
+            break
+        theta = _perturb(objective, theta, rng)
+    _, hard = objective.goal_values(theta)
+    return theta, hard
 
 
 def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: float = -np.inf) -> Matrix:
@@ -292,7 +293,7 @@ def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
             function = objective.use_minimax(least) if minimax else objective.use_penalty(least, penalty)
             theta = minimize(function, best, steps=_STEPS).theta
             target, hard = objective.goal_values(theta)
-            if max(hard.values()) > 1.0:
+            if max(hard.values(), default=0.0) > 1.0:
                 penalty *= _PENALTY_GROWTH
             elif target < least:
                 best, least = theta, target
@@ -303,8 +304,10 @@ def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
 
 
 def _loop_peak(model: Lti, K: Lti) -> Peak:
-    loop = augment_plant(model, K.n_inputs, K.n_outputs, K.order)
-    return loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    P = bilinear_transform(model) if model.dt else model
+    loop = augment_plant(P, K.n_inputs, K.n_outputs, K.order, model.dt)
+    peak = loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    return replace(peak, omega=2.0 / K.dt * float(np.arctan(0.5 * peak.omega * K.dt))) if K.dt else peak
 
 
 def _make_result(
@@ -321,7 +324,9 @@ def _make_result(
     return StructResult(
         controller=K,
         gamma=top.gain,
+        norm=top.gain,
         omega=top.omega,
+        checks=_checks(problem, top, hard),
         target=target,
         hard_goals=hard,
         gamma_opt=gamma_opt,
@@ -331,3 +336,11 @@ def _make_result(
         starts=tried,
         evaluations=objective.evaluations,
     )
+
+
+def _checks(problem: Problem, top: Peak, hard: dict[str, float]) -> tuple[str, ...]:
+    """Return what the closed loops show, a sentence each."""
+    count = len(problem.models)
+    loops = "The closed loop is" if count == 1 else f"All {count} closed loops are"
+    kept = [f"Goal '{name}' is at {value:.4g} of its limit." for name, value in hard.items()]
+    return (f"{loops} stable, of norm {top.gain:.6g} at most, up to rounding.", *kept)
