@@ -11,7 +11,10 @@ from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
 from gustproof.certify.check.evidence import DerivedLoop, check_evidence, is_name
 from gustproof.certify.check.system import Refusal
+from gustproof.certify.gain.constrained_multipliers import ConstrainedMultipliers, constrained_multipliers
+from gustproof.certify.gain.linear_members import worst_member
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
+from gustproof.certify.gain.parts import Delay, Part
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
@@ -19,7 +22,10 @@ from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lt
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain, close_loop, connect, star, system_from_matrix
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
+from gustproof.model.uncertainty import RealBlock
 
+_DECAY = 1e-9
+"""[rad/s] least decay of a loop that counts as stable, above rounding."""
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 """[-] relative margins above the solver's level, tried in turn: rounding of the multipliers needs some."""
 
@@ -122,25 +128,44 @@ def certify_lft(
     assumes: dict[str, Any],
     level: float | None = None,
     speeds: Mapping[str, float] | None = None,
+    parts: Mapping[str, Part] | None = None,
     signals: str = "from w to z",
     scope: str = "for every Delta(t) of the envelope",
 ) -> Certificate:
-    """Return a certificate of the L2 gain of any continuous loop with real parameters.
+    """Return a certificate of the L2 gain of any continuous loop with real parameters, delays, sectors and slopes.
 
     Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives; the others may change at any
-    speed. The lower bound is the gain that a schedule of the parameters reaches in simulation. `signals` and `scope`
-    are the statement's words for the loop's signals and its parameters.
+    speed. Full blocks, as from `ultidyn`, are what `parts` says. The lower bound is the gain that a schedule of the
+    parameters reaches in simulation, or a linear member of the parts at some frequency. `signals` and `scope` are the
+    statement's words for the loop's signals and its parameters.
 
     Raises
     ------
     ValueError
-        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at hover, lacks a
-        block named in `speeds`, or has a block that is no real parameter.
+        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at Delta = 0, lacks a
+        block named in `speeds` or `parts`, or has a block that is neither a real parameter nor a part. If it is not
+        stable with a sector or slope of 1: a saturated loop with a pole on the axis has no gain.
+
+    References
+    ----------
+    See `gustproof.certify.check.quadratic_constraints`.
+
+    Examples
+    --------
+    >>> from control import ss
+    >>> from gustproof import Delay, certify_lft, close_loop, ultidyn
+    >>> late = 1.0 + ultidyn("late")
+    >>> lag = ss(-1.0, [[1.0, 2.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]])
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
     bounds = _speed_bounds(loop, speeds)
-    multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
+    _check_parts(loop, speeds, parts or {})
+    multipliers: Multipliers | RateBoundedMultipliers | ConstrainedMultipliers | None
+    if parts:
+        multipliers = constrained_multipliers(loop, parts)
+    else:
+        multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
@@ -151,7 +176,7 @@ def certify_lft(
     return Certificate(
         statement=f"the L2 gain {signals} {claim} {scope}",
         gain=wanted,
-        lower_bound=lower_bound(loop, speeds),
+        lower_bound=lower_bound(loop, speeds, parts),
         proven=proven,
         assumes=assumes,
         evidence=evidence,
@@ -159,20 +184,67 @@ def certify_lft(
     )
 
 
-def derived_loop(loop: Uncertain, speeds: Mapping[str, float] | None) -> DerivedLoop:
+def derived_loop(
+    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None = None
+) -> DerivedLoop:
     """Return a loop in the form that the check takes, with parameters as fast as `speeds` [1/s]."""
+    named = parts or {}
     return DerivedLoop(
         system=_matrices(loop),
         blocks=[(block.name, block.shape[0]) for block in loop.blocks],
         speeds=_speed_bounds(loop, speeds),
+        parts=[named[block.name].entries() if block.name in named else {} for block in loop.blocks],
     )
 
 
-def lower_bound(loop: Uncertain, speeds: Mapping[str, float] | None) -> float:
-    """Return a gain that a schedule of the parameters reaches in simulation, with parameters as fast as `speeds`."""
+def lower_bound(
+    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None = None
+) -> float:
+    """Return a gain that is reached: by a schedule of the parameters in simulation, or by a linear member of the parts.
+
+    Parameters are as fast as `speeds`.
+    """
+    if parts:
+        parameters = _without(loop, parts)
+        scheduled = worst_schedule(parameters).gain if parameters.blocks else 0.0
+        return max(scheduled, worst_member(loop, parts))
     if speeds is None:
         return worst_schedule(loop).gain
     return worst_triangle_schedule(loop, _speed_bounds(loop, speeds)).gain
+
+
+def _without(loop: Uncertain, parts: Mapping[str, Part]) -> Uncertain:
+    """Return the loop in which the outputs of all `parts` are 0."""
+    kept = [name for block in loop.blocks for name in [block.name] * block.shape[0]]
+    outputs, inputs = (
+        [k for k, name in enumerate(kept) if name not in parts] + list(range(len(kept), count))
+        for count in (loop.M.n_outputs, loop.M.n_inputs)
+    )
+    blocks = tuple(block for block in loop.blocks if block.name not in parts)
+    return Uncertain(M=loop.M.subsystem(outputs, inputs), blocks=blocks)
+
+
+def _check_parts(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part]) -> None:
+    """Raise `ValueError` unless the loop's full blocks are the `parts`, and it has a gain with each of them at 1."""
+    if parts and speeds is not None:
+        raise ValueError("bounds on speeds and parts other than real parameters are not proved together")
+    full = {block.name: block for block in loop.blocks if not isinstance(block, RealBlock)}
+    if unknown := sorted(set(parts) - set(full)):
+        raise ValueError(f"parts name '{unknown[0]}', there are full blocks {', '.join(full) or 'none'}")
+    if other := sorted(set(full) - set(parts)):
+        raise ValueError(f"block '{other[0]}' is no real parameter")
+    for name, part in parts.items():
+        shape = full[name].shape
+        if shape[0] != shape[1]:
+            raise ValueError(f"block '{name}' is {shape[0]} x {shape[1]}, a part must be square")
+        if isinstance(part, Delay):
+            continue
+        worst = complex(max(loop.substitute({name: np.eye(shape[0])}).poles(), key=lambda pole: pole.real))
+        if worst.real > -_DECAY:
+            raise ValueError(
+                f"with slope 1 of '{name}' the loop has a pole at {worst:.3g} rad/s: no global L2 gain exists; "
+                "a saturated loop needs a plant and a controller that are stable alone"
+            )
 
 
 def _matrices(loop: Uncertain) -> dict[str, list[list[float]]]:
@@ -237,9 +309,14 @@ def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]
 
 
 def _evidence(
-    loop: Uncertain, multipliers: Multipliers | RateBoundedMultipliers, speeds: Sequence[float | None]
+    loop: Uncertain,
+    multipliers: Multipliers | RateBoundedMultipliers | ConstrainedMultipliers,
+    speeds: Sequence[float | None],
 ) -> dict[str, Any]:
     common = {"system": _matrices(loop), "coordinates": multipliers.coordinates.tolist()}
+    if isinstance(multipliers, ConstrainedMultipliers):
+        storage = {"P": multipliers.P.tolist(), "stability": multipliers.stability.tolist()}
+        return {"kind": "constrained gain", **common, **storage, "blocks": list(multipliers.blocks)}
     blocks: list[dict[str, Any]] = [{"name": block.name, "size": block.shape[0]} for block in loop.blocks]
     if isinstance(multipliers, Multipliers):
         pairs = zip(multipliers.D, multipliers.G, strict=True)
@@ -270,9 +347,9 @@ def _residual(level: float, evidence: dict[str, Any]) -> float:
     """Return the least eigenvalue of the inequalities, in the coordinates of their Lyapunov matrix."""
     exact_level = Fraction(level)
     forms = (
-        [gain_inequality(exact_level, evidence)]
-        if evidence["kind"] == "gain"
-        else rate_bounded_inequalities(exact_level, evidence)
+        rate_bounded_inequalities(exact_level, evidence)
+        if evidence["kind"] == "slow gain"
+        else [gain_inequality(exact_level, evidence)]
     )
     inverse = np.linalg.inv(evidence["coordinates"])
     least = []
