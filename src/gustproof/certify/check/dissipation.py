@@ -262,7 +262,9 @@ class _System:
             earlier = [kind_of(other) != "real" and j < i for j, other in enumerate(self._blocks)]
             seen = (any(any(row[columns]) for row in self._D[rows]) for columns in self.rows)
             if any(sees and not allowed for sees, allowed in zip(seen, earlier, strict=True)):
-                raise Refusal(f"block {block['name']} sees at once what a later part or a parameter makes of its output")
+                raise Refusal(
+                    f"block {block['name']} sees at once what a later part or a parameter makes of its output"
+                )
             if needs_rate(block) and any(map(any, self._D[rows])):
                 raise Refusal(f"the input of block {block['name']} may jump, so that its rate is unknown")
 
@@ -292,7 +294,7 @@ class _System:
             signals = [exact(states), self.q(rows), exact(self.p[rows])]
             if needs_rate(block):
                 signals.append(self._rate(rows))
-            z = Ball(*(sum(parts, []) for parts in zip(*signals, strict=True)))
+            z = Ball(*([row for part in parts for row in part] for parts in zip(*signals, strict=True)))
             yield _product(_turned(z), _product(exact(constraint_form(block, item)), z))
 
 

@@ -63,10 +63,11 @@ def constrained_multipliers(loop: Uncertain, parts: Mapping[str, Part]) -> Const
     for solution in (inside, at_least):
         level = least_level(program.form(solution), program.m)
         if level is not None:
+            lyapunov = np.asarray(solve_continuous_lyapunov(program.A.T, -np.eye(program.n)), dtype=np.float64)
             return ConstrainedMultipliers(
                 coordinates=program.coordinates,
                 P=program.storage(solution),
-                stability=0.5 * add_transpose(solve_continuous_lyapunov(program.A.T, -np.eye(program.n))),
+                stability=0.5 * add_transpose(lyapunov),
                 blocks=program.entries(solution),
                 level=level,
             )

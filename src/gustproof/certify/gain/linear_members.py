@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gustproof.certify.gain.parts import Part
-from gustproof.lti.state_space import ComplexMatrix
+from gustproof.lti.state_space import ComplexMatrix, Matrix
 from gustproof.model.lft import Uncertain
 
 _POINTS = 400
@@ -22,28 +22,33 @@ def worst_member(loop: Uncertain, parts: Mapping[str, Part]) -> float:
     """
     poles = np.abs(loop.M.poles())
     omega = np.geomspace(1e-2 * max(poles.min(), 1e-6), 1e2 * poles.max(), _POINTS)
-    M = loop.M.response(omega)
-    real = np.outer([0.0, -1.0, 1.0], np.ones(_POINTS)).astype(np.complex128)
-    options = [parts[block.name].members(omega) if block.name in parts else real for block in loop.blocks]
-    sizes = [block.shape[0] for block in loop.blocks]
-    chosen = [0] * len(sizes)
-    best = _peak(M, options, sizes, chosen)
+    M, options = loop.M.response(omega), _options(loop, parts, omega)
+    chosen = [0] * len(options)
+    best = 0.0
     for _ in range(_ROUNDS):
         before = best
         for i, members in enumerate(options):
-            tried = [_peak(M, options, sizes, [*chosen[:i], k, *chosen[i + 1 :]]) for k in range(len(members))]
+            tried = [_gains(loop, M, options, [*chosen[:i], k, *chosen[i + 1 :]]).max() for k in range(len(members))]
             chosen[i] = int(np.argmax(tried))
-            best = tried[chosen[i]]
+            best = float(tried[chosen[i]])
         if best <= before:
             break
-    return best
+    peak = int(np.argmax(_gains(loop, M, options, chosen)))
+    near = np.geomspace(omega[max(peak - 1, 0)], omega[min(peak + 1, _POINTS - 1)], _POINTS)
+    refined = _gains(loop, loop.M.response(near), _options(loop, parts, near), chosen)
+    return max(best, float(refined.max()))
 
 
-def _peak(M: ComplexMatrix, options: list[ComplexMatrix], sizes: list[int], chosen: list[int]) -> float:
-    """Return the largest gain of one member over the frequencies."""
-    k = sum(sizes)
-    delta = np.vstack(
-        [np.tile(members[at], (size, 1)) for members, size, at in zip(options, sizes, chosen, strict=True)]
-    ).T[:, :, None]
+def _options(loop: Uncertain, parts: Mapping[str, Part], omega: Matrix) -> list[ComplexMatrix]:
+    """Return p / q (m, k) of the members of each block."""
+    real = np.outer([0.0, -1.0, 1.0], np.ones_like(omega)).astype(np.complex128)
+    return [parts[block.name].members(omega) if block.name in parts else real for block in loop.blocks]
+
+
+def _gains(loop: Uncertain, M: ComplexMatrix, options: list[ComplexMatrix], chosen: list[int]) -> Matrix:
+    """Return the gain (k,) of one member at each frequency."""
+    k = loop.n_w
+    values = [members[at] for members, at in zip(options, chosen, strict=True)]
+    delta = np.repeat(values, [block.shape[0] for block in loop.blocks], axis=0).T[:, :, None]
     inner = np.linalg.solve(np.eye(k) - delta * M[:, :k, :k], delta * M[:, :k, k:])
-    return float(np.linalg.norm(M[:, k:, k:] + M[:, k:, :k] @ inner, 2, axis=(1, 2)).max())
+    return np.asarray(np.linalg.norm(M[:, k:, k:] + M[:, k:, :k] @ inner, 2, axis=(1, 2)))

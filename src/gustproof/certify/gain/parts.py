@@ -46,7 +46,8 @@ class Delay:
 
     def members(self, omega: Matrix) -> ComplexMatrix:
         """Return p / q (m, k) of some constant delays at the frequencies `omega` (k,) [rad/s]."""
-        return np.expm1(-1j * np.outer(np.linspace(0.0, self.largest, 9), omega))
+        times = np.linspace(0.0, self.largest, 9)
+        return np.asarray(np.expm1(-1j * np.outer(times, omega)), dtype=np.complex128)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
