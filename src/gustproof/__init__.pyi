@@ -26,6 +26,10 @@ from gustproof.certify.certificate import Certificate as Certificate
 from gustproof.certify.check.evidence import check_certificate as check_certificate
 from gustproof.certify.check.flight_box import MomentClass as MomentClass
 from gustproof.certify.gain.l2_gain import certify_gain as certify_gain
+from gustproof.certify.gain.l2_gain import certify_lft as certify_lft
+from gustproof.certify.gain.parts import Delay as Delay
+from gustproof.certify.gain.parts import Sector as Sector
+from gustproof.certify.gain.parts import Slope as Slope
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu
 from gustproof.certify.mu.worst_gain import worst_gain as worst_gain

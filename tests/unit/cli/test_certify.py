@@ -3,6 +3,7 @@
 import json
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.gain.l2_gain import attitude_loop
+from gustproof.certify.gain.parts import Delay
 from gustproof.cli.app import app
 from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
@@ -234,3 +236,39 @@ def test_an_air_that_cannot_be_predicted_is_refused(arguments: tuple[str, ...], 
     refused = run(*arguments)
     assert refused.exit_code == 2
     assert reason in refused.stderr
+
+
+def test_delay_and_limit_of_the_command_reach_the_proof(monkeypatch: pytest.MonkeyPatch):
+    given: dict[str, Any] = {}
+    certificate = Certificate(
+        statement="the gain is below 2", gain=2.0, lower_bound=1.0, proven=True, assumes={"delay_s": "constant"},
+        evidence={"kind": "constrained gain"}, residual=0.0,
+    )  # fmt: skip
+
+    def prove(*_: object, **options: Any) -> Certificate:
+        given.update(options)
+        return certificate
+
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", prove)
+    result = run("hinf-d2", *ENVELOPE, "--delay-ms", "8", "--saturation", "1.5")
+    assert (given["delay"], given["saturation"]) == (Delay(largest=0.008), 1.5)
+    assert "a simulation or a linear member reached 1" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("--delay-ms", "0"), "--delay-ms: the largest delay is 0.0 s, must be positive"),
+        (("--saturation", "1"), "saturation is 1.0, must be above 1"),
+        (("--saturation", "1.5", "--slow"), "not proved together"),
+        (("--saturation", "1.5", "--slow", "--level", "1"), "not proved together"),
+    ],
+)
+def test_a_command_path_that_is_none_is_refused(arguments, reason):
+    result = run("hinf-d2", *ENVELOPE, *arguments)
+    assert result.exit_code == 2
+    assert reason in result.output
+
+
+def test_a_flight_takes_no_delay_of_a_gain():
+    assert "--delay-ms" in run("flagship", "--delay-ms", "8").output
