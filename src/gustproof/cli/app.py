@@ -12,6 +12,7 @@ from gustproof.cli.design import design
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
+from gustproof.cli.guide import guide
 from gustproof.cli.identify import identify
 from gustproof.cli.identify_rates import identify_rates
 from gustproof.cli.judge import judge
@@ -35,9 +36,10 @@ app = typer.Typer(
     help="Design, prove and fly multirotor attitude control in gusts, over real MAVLink.",
     epilog=(
         "Exit status: 0 done, 1 a requirement failed, 2 bad input, 3 the flight broke off, 130 interrupted. "
-        "Start with `gustproof reproduce`."
+        "Start with `gustproof guide`."
     ),
 )
+app.command()(guide)
 app.command()(reproduce)
 app.command()(design)
 app.command()(identify)

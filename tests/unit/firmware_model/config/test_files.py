@@ -32,7 +32,7 @@ def test_every_shipped_scenario_loads_and_says_what_it_shows(name: str) -> None:
     assert len(scenario.description) > 20
 
 
-def test_the_shipped_scenarios_are_those_of_the_readme() -> None:
+def test_the_scenarios_of_the_paper_are_shipped() -> None:
     assert {"paper", "paper-turbulence", "coning", "bias", "calm"} <= set(list_scenarios())
 
 
