@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from firmware_model.config.vehicle import MOST_ROTORS
+from gustproof.report.html.limits import Mark, limit_marks
 from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
 from gustproof.types import Array
@@ -65,6 +66,8 @@ class Chart:
     """Axes."""
     curves: tuple[Curve, ...]
     """Curves, the lowest first."""
+    marks: tuple[Mark, ...] = ()
+    """Limits and crossovers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +133,9 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
             known = [i for i in order if _is_known(columns[i], k)]
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
             references = _reference_curves(runs, k) if title == "Attitude" else ()
-            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references)))
+            drawn = (*curves, *references)
+            marks = limit_marks(runs, title, k)
+            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=drawn, marks=marks))
         groups.append(ChartGroup(title=title, charts=tuple(charts)))
     return tuple(groups)
 
