@@ -184,7 +184,7 @@ def _gramian_factor(A: Matrix, B: Matrix, dt: float) -> Matrix:
     factor = np.hstack([B, np.zeros((n, max(0, n - B.shape[1])))])
     power = A
     for _ in range(_DOUBLINGS):
-        R = np.linalg.qr(np.hstack([factor, power @ factor]).T, mode="r")
+        _, R = np.linalg.qr(np.hstack([factor, power @ factor]).T)
         factor, power = R[:n].T, power @ power
         if np.linalg.norm(power) < 1e-17:
             break

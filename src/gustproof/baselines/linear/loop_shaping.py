@@ -20,7 +20,7 @@ import numpy as np
 from gustproof.autopilots.filters import AxisLoop
 from gustproof.autopilots.settings import LoopSignals
 from gustproof.baselines.linear.structure import Structure, actuator_lag, filter_signal, newest_attitude
-from gustproof.law.discretize import tustin
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import Lti, delay, series
 from gustproof.performance.covariance import AxisModel
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn

@@ -91,7 +91,8 @@ def _winds_zero_times(first: CoprimeFactors, second: CoprimeFactors) -> bool:
         return False
     if not product.order:
         return True
-    zeros = scipy.linalg.eigvals(product.A - product.B @ np.linalg.solve(product.D, product.C))
+    inverse = product.A - product.B @ np.linalg.solve(product.D, product.C)
+    zeros = Lti(A=inverse, B=product.B, C=product.C, D=product.D).poles()
     on_axis = np.abs(zeros.real).min() <= _AXIS * np.abs(zeros).max()
     return not on_axis and int(np.sum(zeros.real > 0.0)) == two.order
 
