@@ -7,11 +7,11 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law
-from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, print_json
+from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, complete, print_json
 
 
 def analyse(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str, typer.Argument(help=LAW_HELP, autocompletion=complete("law"))],
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives the wind and the sample rate.")
     ] = "paper-turbulence",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
@@ -20,6 +21,7 @@ from gustproof.cli.options import (
     Params,
     VehicleName,
     check_output,
+    complete,
     print_json,
     progress,
     save_flight,
@@ -37,7 +39,9 @@ Choice = TypeVar("Choice", bound=Enum)
 
 
 def campaign(
-    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
+    scenario: Annotated[
+        str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"))
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -50,7 +54,8 @@ def campaign(
     law: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle].",
+            autocompletion=complete("law"),
         ),
     ] = None,
     controller: Annotated[
@@ -348,4 +353,4 @@ def _parse_choice(kind: type[Choice], option: str, word: str) -> Choice:
     try:
         return kind(word)
     except ValueError:
-        raise ConfigError(f"{option}: '{word}' is none of {', '.join(choice.value for choice in kind)}") from None
+        raise ConfigError(f"{option}: {none_of(word, [choice.value for choice in kind])}") from None

@@ -9,7 +9,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json, refuse_given
+from gustproof.cli.options import AsJson, check_output, complete, parse_positive_vector, print_json, refuse_given
 
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
@@ -52,7 +52,11 @@ _UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
 def certify(
     context: typer.Context,
     name: Annotated[
-        str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
+        str | None,
+        typer.Argument(
+            help="Name of a shipped design or law, or a file: design .toml, law .json.",
+            autocompletion=complete("design"),
+        ),
     ] = None,
     angle: Annotated[
         float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
@@ -101,7 +105,11 @@ def certify(
         str | None, typer.Option(help="With --check: the law of a flight's certificate, a name or a .json file.")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
+        str | None,
+        typer.Option(
+            help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].",
+            autocompletion=complete("vehicle"),
+        ),
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
     as_json: AsJson = False,

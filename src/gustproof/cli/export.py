@@ -8,14 +8,14 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law, is_parameter_file
-from gustproof.cli.options import AsJson, print_json
+from gustproof.cli.options import AsJson, complete, print_json
 
 if TYPE_CHECKING:
     from gustproof.law.form import Law
 
 
 def export(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str, typer.Argument(help=LAW_HELP, autocompletion=complete("law"))],
     c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
     px4: Annotated[Path | None, typer.Option("--px4", help="Write a module for PX4 to this new folder.")] = None,
     ardupilot: Annotated[

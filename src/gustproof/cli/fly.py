@@ -17,6 +17,7 @@ from gustproof.cli.options import (
     Build,
     Params,
     VehicleName,
+    complete,
     print_json,
     progress,
     refuse_given,
@@ -41,11 +42,16 @@ _Comparison = tuple[bool | None, str]
 def fly(
     context: typer.Context,
     scenario: Annotated[
-        str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"), show_default=False
+        ),
     ] = None,
     law: Annotated[
         str | None,
-        typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
+        typer.Option(
+            help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own].", autocompletion=complete("law")
+        ),
     ] = None,
     controller: Annotated[
         str | None,

@@ -5,6 +5,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,26 @@ from firmware_model.errors import ConfigError
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
+
+_SHIPPED = {  # the packages whose folders hold the names of each kind; read without loading what they hold
+    "law": ("gustproof.law", "data"),
+    "design": ("gustproof.synthesis", "data"),
+    "vehicle": ("firmware_model.config", "data/vehicles"),
+    "scenario": ("firmware_model.config", "data/scenarios"),
+}
+
+
+def complete(kind: str, *words: str) -> Callable[[str], list[str]]:
+    """Return what completes a shipped name of a kind, or one of some words, for a shell; files it knows itself."""
+    package, folder = _SHIPPED[kind]
+
+    def names(incomplete: str) -> list[str]:
+        paths = (Path(path.name) for path in files(package).joinpath(folder).iterdir())
+        known = {path.stem for path in paths if path.suffix in (".json", ".toml")}
+        return sorted(name for name in known | set(words) if name.startswith(incomplete))
+
+    return names
+
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
 Anyway = Annotated[
@@ -41,7 +62,9 @@ Params = Annotated[
         show_default=False,
     ),
 ]
-VehicleName = Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")]
+VehicleName = Annotated[
+    str, typer.Option(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+]
 SEED = typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")
 
 
