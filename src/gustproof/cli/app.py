@@ -11,6 +11,7 @@ from gustproof.cli.certify import certify
 from gustproof.cli.check_controller import check_controller
 from gustproof.cli.compare import compare
 from gustproof.cli.design import design
+from gustproof.cli.doctor import doctor
 from gustproof.cli.export import export
 from gustproof.cli.failures import OneLineErrors
 from gustproof.cli.fly import fly
@@ -80,6 +81,7 @@ app.add_typer(law, name="law")
 app.command()(fly)
 app.command()(check_controller)
 app.command()(recover)
+app.command()(doctor)
 app.command()(campaign)
 app.command()(compare)
 app.command()(league)
