@@ -25,6 +25,7 @@ from gustproof.cli.options import (
     print_json,
     progress,
     save_flight,
+    working,
 )
 
 if TYPE_CHECKING:
@@ -168,7 +169,8 @@ def campaign(
         return
     assert output is not None  # see _check_outputs
     _fly(plan, output, workers, executor, quiet=as_json)
-    found = compute_statistics(output)
+    with working(f"statistics of {output}", quiet=as_json):
+        found = compute_statistics(output)
     _save_figures(found, csv, latex)
     if as_json:
         print_json(found.to_dict())
@@ -285,8 +287,8 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
     try:
         with (
+            progress(f"starting workers, {title}", quiet=quiet) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
-            progress(title, quiet=quiet) as shown,
         ):
             fly_campaign(
                 plan,
@@ -322,8 +324,8 @@ def _estimate_rare(
     title = f"{plan.scenario.name}, {event.text}"
     try:
         with (
+            progress(f"starting workers, {title}", quiet=as_json) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
-            progress(title, quiet=as_json) as shown,
         ):
             found = estimate_rare(plan, event, pool, progress=lambda share: shown(share, title))
     except KeyboardInterrupt:

@@ -84,7 +84,7 @@ def design(
     elif backoff is not None:
         wanted = replace(wanted, gamma=None, backoff=backoff)
     airframe = None if vehicle is None else load_vehicle(vehicle)
-    with progress(f"searching, {wanted.name}", quiet=as_json or order is None) as shown:
+    with progress(f"design {wanted.name}", quiet=as_json) as shown:
         search = partial(solve_structured, order=order or 0, starts=starts, seed=seed, progress=shown)
         if inner is not None:
             law, report = derive_over(wanted, load_inner_loops(inner), airframe)

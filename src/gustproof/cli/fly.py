@@ -189,6 +189,7 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
     from gustproof.law.form import Law
+    from gustproof.simulate.checkup import is_cold
     from gustproof.simulate.flight import FlightPlan, warnings
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
@@ -208,7 +209,8 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
-        shown = stack.enter_context(progress(title, quiet=quiet))
+        first = f"{title}: compiling the simulator, once after an installation" if is_cold() else title
+        shown = stack.enter_context(progress(first, quiet=quiet))
         watch = page.watch if page else None
         if isinstance(plan, FlightPlan):
             result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
