@@ -13,6 +13,8 @@ from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
 _SEMIDEFINITE = 1e-9
 """[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
 singular or 0; it becomes indefinite only through infinity."""
+_CLEAR = 1e-13
+"""[-] eigenvalues of the Popov function beyond this, with its terms scaled to 1, have a sign, whatever the rounding."""
 
 
 class RiccatiData(NamedTuple):
@@ -54,27 +56,79 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
 
 
 def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
-    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
-    n, A, B, SB = half.A.shape[0], half.A, half.B, half.SB
-    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, SB)
-    if singular:
-        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
-    S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
-    if half.zeros.rest.shape[1] < n:
+    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue.
+
+    Raises
+    ------
+    DesignError
+        If there is no stabilising solution.
+    numpy.linalg.LinAlgError
+        If `gamma` is a singular value of the part of D11 that no control affects.
+    """
+    RS, RB = _feedback(half, gamma)
+    if half.zeros.rest.shape[1] < half.A.shape[0]:
         X, definite = _solve_quotient(half, gamma, RS, RB)
         return X, -(RS + RB @ X), definite
-    H = np.empty((2 * n, 2 * n))
-    H[:n, :n] = A - B @ RS
-    H[:n, n:] = -B @ RB
-    H[n:, :n] = S.T @ RS - half.Q
-    H[n:, n:] = -H[:n, :n].T
     try:
-        X = stabilizing_solution(H)
+        X = stabilizing_solution(_hamiltonian(half, RS, RB))
     except RiccatiError as error:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from None
+        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
     eigenvalues = np.linalg.eigvalsh(X)
     definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
     return X, -(RS + RB @ X), bool(definite)
+
+
+def has_no_solution(half: RiccatiData, gamma: float) -> bool:
+    """Return True if there is no stabilising solution, whatever the rounding.
+
+    With a solution, the Popov function has as many positive and negative eigenvalues at each frequency as at infinity.
+    It is computed between the eigenvalues of the Hamiltonian on the imaginary axis, where one changes its sign.
+
+    References
+    ----------
+    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, Theorem 13.19.
+    """
+    if half.quotient is not None:
+        return has_no_solution(half.quotient, gamma)
+    n, m = half.A.shape[0], half.B.shape[1]
+    R, S = half.R - gamma**2 * half.J, half.SB[:, :n]
+    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, *_feedback(half, gamma))).imag)
+    ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
+    omega = 0.5 * (ends[:-1] + ends[1:])
+    omega = omega[omega > 0.0]
+    states = np.linalg.solve(1j * omega[:, None, None] * np.eye(n) - half.A, half.B.astype(np.complex128)[None])
+    across = states.conj().transpose(0, 2, 1) @ S.T
+    cost = states.conj().transpose(0, 2, 1) @ (half.Q @ states)
+    # each input in units of the terms of its diagonal, so that what is left of them by cancellation counts as small
+    terms = [np.abs(np.diagonal(part, axis1=-2, axis2=-1)) for part in (cost, 2.0 * across, R)]
+    units = 1.0 / np.sqrt(terms[0] + terms[1] + terms[2])
+    popov = units[:, :, None] * (cost + across + across.conj().transpose(0, 2, 1) + R) * units[:, None, :]
+    values = np.linalg.eigvalsh(popov)
+    clear = np.abs(values) > _CLEAR
+    negative = np.count_nonzero(clear & (values < 0.0), axis=1)
+    positive = np.count_nonzero(clear & (values > 0.0), axis=1)
+    expected = np.count_nonzero(np.linalg.eigvalsh(R) < 0.0)
+    return bool(np.any((negative > expected) | (positive > m - expected)))
+
+
+def _feedback(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix]:
+    """Return `R^-1 S` and `R^-1 B^T` at a level."""
+    n = half.A.shape[0]
+    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, half.SB)
+    if singular:
+        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
+    return solved[:, :n], solved[:, n:]
+
+
+def _hamiltonian(half: RiccatiData, RS: Matrix, RB: Matrix) -> Matrix:
+    """Return the Hamiltonian matrix of the equation, (2n, 2n)."""
+    n, B = half.A.shape[0], half.B
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n] = half.A - B @ RS
+    H[:n, n:] = -B @ RB
+    H[n:, :n] = half.SB[:, :n].T @ RS - half.Q
+    H[n:, n:] = -H[:n, :n].T
+    return H
 
 
 def _solve_quotient(half: RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
