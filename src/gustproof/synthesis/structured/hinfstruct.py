@@ -150,10 +150,30 @@ def hinfstruct(
     """
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
     structure = full_structure(order, n_meas, n_con, dt=models[0].dt) if structure is None else structure
-    _check_sizes(models, structure, n_meas, n_con, starts)
+    check_sizes(models, structure, n_meas, n_con, starts)
     target = GainGoal() if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
+    return search_problem(problem, starts=starts, seed=seed, progress=progress)
+
+
+def search_problem(
+    problem: Problem,
+    *,
+    starts: int,
+    seed: int,
+    near: Matrix | None = None,
+    progress: Progress = lambda _fraction, _text: None,
+) -> StructResult:
+    """Return the best controller from `starts` starts, or from the parameters `near` (size,) alone.
+
+    Raises
+    ------
+    DesignError
+        If no start led to a stable loop that satisfies the hard goals.
+    """
     gamma_opt, points = _starting_points(problem, starts, seed)
+    if near is not None:
+        points = [("design before", near)]
     search = _Search(problem, np.random.default_rng([seed, starts]))
     search.run(points, progress)
     progress(1.0, "checked")
@@ -220,7 +240,8 @@ def _is_confirmed(tried: list[Start]) -> bool:
     return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
 
 
-def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+def check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+    """Check that plants, structure and arguments fit; raises ValueError if not."""
     if starts < 1:
         raise ValueError(f"starts is {starts}, must be at least 1")
     if (structure.n_meas, structure.n_con) != (n_meas, n_con):
