@@ -22,8 +22,12 @@ _BACKOFFS = (1.1, 1.3, 3.0)
 _STABLE_ABSCISSA = -1e-3
 """[rad/s] spectral abscissa below which a loop is stable enough to start from."""
 _STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
-_PERTURBATION = 0.03
-"""[-] relative size of the random change to all parameters of the best before its search is repeated."""
+_SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
+"""[-] sizes of random starts in turn: the best of several local minima may have small or large parameters."""
+_PERTURBATIONS = (1e-3, 1.0)
+"""[-] least and largest relative size of the random change to the best parameters before its search is repeated."""
+_LUCK = 3
+"""Largest number of restarts as a multiple of those without progress."""
 _SINGULAR = 1e10
 """[-] condition number of `A + I` beyond which a sampled plant has a pole at z = -1."""
 _PENALTY, _PENALTY_GROWTH, _ROUNDS = 10.0, 10.0, 12
@@ -32,6 +36,9 @@ _AGREEMENT = 1e-5
 """[-] relative difference below which the results of two searches agree."""
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which no other follows."""
+
+_BALANCED, _NEAR = ", balanced", ", near it"
+"""Ends of the names of starts in balanced units, and of starts near the best."""
 
 Progress = Callable[[float, str], None]
 """Callback for the fraction done [0..1] and a text on the current work."""
@@ -143,45 +150,88 @@ def hinfstruct(
     """
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
     structure = full_structure(order, n_meas, n_con, dt=models[0].dt) if structure is None else structure
-    _check_sizes(models, structure, n_meas, n_con, starts)
+    check_sizes(models, structure, n_meas, n_con, starts)
     target = GainGoal() if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
-    objective = problem.objective()
-    gamma_opt, points = _starting_points(models[0], structure, starts, seed)
-    rng = np.random.default_rng([seed, starts])
-    tried, best = _search(problem, objective, points, rng, progress)
-    progress(1.0, "checked")
-    if best is None:
-        failures = "; ".join(f"{start.name}: {start.failure}" for start in tried)
-        raise DesignError(f"no controller of this structure was found in {len(tried)} starts: {failures}")
-    return _make_result(problem, objective, best, tuple(tried), gamma_opt)
+    return search_problem(problem, starts=starts, seed=seed, progress=progress)
 
 
-def _search(
+def search_problem(
     problem: Problem,
-    objective: PenaltyFunction,
-    points: list[tuple[str, Matrix]],
-    rng: np.random.Generator,
-    progress: Progress,
-) -> tuple[list[Start], Matrix | None]:
-    """Return all starts, from `points` and then near the best, and the best parameters; `None` if all failed."""
-    tried: list[Start] = []
-    best: Matrix | None = None
-    for k in range(len(points) + _RESTARTS):
-        winner = min(tried, key=lambda start: start.target, default=None)
-        least = np.inf if winner is None else winner.target
-        if k < len(points):
-            name, theta = points[k]
-        elif winner is not None and best is not None and not _is_confirmed(tried):
-            name, theta = f"{winner.name}, perturbed", _perturb(objective, best, rng)
-        else:
-            break
-        progress(k / (len(points) + _RESTARTS), f"{name}; best so far {least:.5g}")
-        start, theta = _descend(problem, objective, name, theta)
-        tried.append(start)
-        if start.target < least:
-            best = theta
-    return tried, best
+    *,
+    starts: int,
+    seed: int,
+    near: Matrix | None = None,
+    progress: Progress = lambda _fraction, _text: None,
+) -> StructResult:
+    """Return the best controller from `starts` starts, or from the parameters `near` (size,) alone.
+
+    Raises
+    ------
+    DesignError
+        If no start led to a stable loop that satisfies the hard goals.
+    """
+    gamma_opt, points = _starting_points(problem, starts, seed)
+    if near is not None:
+        points = [("design before", near)]
+    search = _Search(problem, np.random.default_rng([seed, starts]))
+    search.run(points, progress)
+    progress(1.0, "checked")
+    if search.best is None:
+        failures = "; ".join(f"{start.name}: {start.failure}" for start in search.tried)
+        raise DesignError(f"no controller of this structure was found in {len(search.tried)} starts: {failures}")
+    return search.result(gamma_opt)
+
+
+class _Search:
+    """All starts of one problem in two metrics, and the best parameters found."""
+
+    def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
+        # steepest descent depends on the units of the parameters; where one choice creeps, the other may run
+        balanced = replace(problem, unit=problem.balanced_unit())
+        self._metrics = tuple((each, each.objective()) for each in (problem, balanced))
+        self._rng = rng
+        self.tried: list[Start] = []
+        self.best: Matrix | None = None
+
+    @property
+    def least(self) -> float:
+        """The least target so far; infinite if all failed."""
+        return min((start.target for start in self.tried), default=np.inf)
+
+    def run(self, points: list[tuple[str, Matrix]], progress: Progress) -> None:
+        """Search from each of `points`, then near the best until two agree or that helps no longer."""
+        limit = _RESTARTS * len(points)
+        for k, (name, theta) in enumerate(points):
+            progress(k / (len(points) + limit), f"{name}; best so far {self.least:.5g}")
+            self._start(name, theta, balanced=name.endswith(_BALANCED))
+        failed = 0
+        for k in range(_LUCK * limit):
+            if failed == limit or self.best is None or _is_confirmed(self.tried):
+                break
+            winner, before = min(self.tried, key=lambda start: start.target), self.least
+            progress((len(points) + failed) / (len(points) + limit), f"near {winner.name}; best so far {before:.5g}")
+            theta = _perturb(self._metrics[0][1], self.best, self._rng)
+            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", theta, balanced=k % 2 == 1)
+            failed += self.least > (1.0 - _ROUND_GAIN) * before
+
+    def _start(self, name: str, theta: Matrix, *, balanced: bool) -> None:
+        problem, objective = self._metrics[balanced]
+        unit = 1.0 if problem.unit is None else problem.unit
+        before = self.least
+        start, scaled = _descend(problem, objective, name, theta / unit)
+        self.tried.append(start)
+        if start.target < before:
+            self.best = scaled * unit
+
+    def result(self, gamma_opt: float | None) -> StructResult:
+        """Return the best, checked."""
+        assert self.best is not None
+        problem, objective = self._metrics[0]
+        evaluations = sum(each.evaluations for _, each in self._metrics)
+        return replace(
+            _make_result(problem, objective, self.best, tuple(self.tried), gamma_opt), evaluations=evaluations
+        )
 
 
 def _is_confirmed(tried: list[Start]) -> bool:
@@ -190,7 +240,8 @@ def _is_confirmed(tried: list[Start]) -> bool:
     return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
 
 
-def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+def check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+    """Check that plants, structure and arguments fit; raises ValueError if not."""
     if starts < 1:
         raise ValueError(f"starts is {starts}, must be at least 1")
     if (structure.n_meas, structure.n_con) != (n_meas, n_con):
@@ -205,10 +256,9 @@ def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_c
             raise ValueError(f"P is {size}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y")
 
 
-def _starting_points(
-    model: Lti, structure: Structure, starts: int, seed: int
-) -> tuple[float | None, list[tuple[str, Matrix]]]:
-    """Return hinfsyn's least level of the model, if any, and named parameters to start from."""
+def _starting_points(problem: Problem, starts: int, seed: int) -> tuple[float | None, list[tuple[str, Matrix]]]:
+    """Return hinfsyn's least level of the first model, if any, and named parameters to start from."""
+    model, structure = problem.models[0], problem.structure
     n_meas, n_con = structure.n_meas, structure.n_con
     found: list[tuple[str, Matrix]] = []
     gamma_opt = None
@@ -223,8 +273,10 @@ def _starting_points(
     except (DesignError, ValueError):  # not solvable, or a plant without states: random starts only
         pass
     found = found[:starts]
+    unit = problem.balanced_unit()
     for k in range(starts - len(found)):
-        found.append((f"random {k + 1}", structure.draw(np.random.default_rng([seed, k]))))
+        theta = _SIZES[k // 2 % len(_SIZES)] * structure.draw(np.random.default_rng([seed, k]))
+        found.append((f"random {k + 1}{_BALANCED}", unit * theta) if k % 2 else (f"random {k + 1}", theta))
     return gamma_opt, found
 
 
@@ -272,8 +324,9 @@ def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: floa
 
 
 def _perturb(objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:
-    """Return parameters slightly off `theta` with stable loops: a search that stopped on a crease continues off it."""
-    for size in _PERTURBATION * 0.5 ** np.arange(12):
+    """Return parameters off `theta` with stable loops: a search that stopped on a crease continues off it."""
+    least, largest = np.log(_PERTURBATIONS)
+    for size in np.exp(rng.uniform(least, largest)) * 0.5 ** np.arange(12):
         perturbed = theta * (1.0 + size * rng.normal(size=theta.size))
         if np.isfinite(objective.value(perturbed)):
             return np.asarray(perturbed)

@@ -131,9 +131,11 @@ class PenaltyFunction:
     goals. With an infinite scale only the hard goals count; this finds parameters that satisfy them.
     """
 
-    def __init__(self, structure: Structure, target: "list[NormCriterion]", hard_goals: "list[Criterion]") -> None:
+    def __init__(
+        self, basis: tuple[Matrix, Matrix], target: "list[NormCriterion]", hard_goals: "list[Criterion]"
+    ) -> None:
         self.target, self.hard_goals, self.scale, self.penalty, self.evaluations = target, hard_goals, 1.0, 1.0, 0
-        self._offset, self._basis = structure.basis()
+        self._offset, self._basis = basis
         self._theta: Matrix | None = None
         self._minimax = False
         self._targets: list[float] = []
@@ -218,10 +220,10 @@ Criterion = NormCriterion | PoleCriterion | SizeCriterion
 class Stability:
     """The largest growth [1/s] of a pole of the closed loops of all models; of continuous ones their abscissa."""
 
-    def __init__(self, structure: Structure, plants: list[AugmentedPlant]) -> None:
+    def __init__(self, basis: tuple[Matrix, Matrix], plants: list[AugmentedPlant], dt: float) -> None:
         self._plants = plants
-        self._measure = PoleMeasure(dt=structure.dt, transformed=structure.dt > 0.0)
-        self._offset, self._basis = structure.basis()
+        self._measure = PoleMeasure(dt=dt, transformed=dt > 0.0)
+        self._offset, self._basis = basis
 
     def value(self, theta: Matrix) -> float:
         """Return the value."""
@@ -251,16 +253,39 @@ class Problem:
     """Goal to minimise."""
     hard_goals: tuple[Goal, ...]
     """Goals to satisfy."""
+    unit: Matrix | None = None
+    """(size,) unit of each parameter: theta of a search times it is that of the structure; `None` for 1."""
+
+    def balanced_unit(self) -> Matrix:
+        """Return (size,) the parameters that act on the first model with the strength of one unit.
+
+        The unit of an entry of [A, B; C, D] is that of its control, `1 / |B_u|`, times that of its measurement,
+        `1 / |C_y|`; those of the controller's own states are 1.
+        """
+        model, shape = self._continuous_models()[0], self.structure
+        controls = np.linalg.norm(model.B[:, model.n_inputs - shape.n_con :], axis=0)
+        measurements = np.linalg.norm(model.C[model.n_outputs - shape.n_meas :], axis=1)
+        rows, columns = np.ones(shape.order + shape.n_con), np.ones(shape.order + shape.n_meas)
+        rows[shape.order :] = 1.0 / np.where(controls > 0.0, controls, 1.0)
+        columns[shape.order :] = 1.0 / np.where(measurements > 0.0, measurements, 1.0)
+        share = np.abs(shape.basis()[1])
+        units = np.tensordot(share, np.log(np.outer(rows, columns)), axes=2) / np.sum(share, axis=(1, 2))
+        return np.asarray(np.exp(units))
+
+    def _basis(self) -> tuple[Matrix, Matrix]:
+        offset, basis = self.structure.basis()
+        return offset, basis if self.unit is None else self.unit[:, None, None] * basis
 
     def objective(self) -> PenaltyFunction:
         """Return the function to minimise."""
         target = [self._norm_criterion(self.target, model) for model in self._continuous_models()]
         hard = [criterion for goal in self.hard_goals for criterion in self._criteria(goal)]
-        return PenaltyFunction(self.structure, target, hard)
+        return PenaltyFunction(self._basis(), target, hard)
 
     def stability(self) -> Stability:
         """Return the function that is negative if all closed loops are stable."""
-        return Stability(self.structure, [self._augment(model) for model in self._continuous_models()])
+        plants = [self._augment(model) for model in self._continuous_models()]
+        return Stability(self._basis(), plants, self.structure.dt)
 
     def _continuous_models(self) -> list[Lti]:
         return [bilinear_transform(model) if model.dt else model for model in self.models]

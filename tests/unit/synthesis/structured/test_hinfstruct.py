@@ -260,7 +260,7 @@ def test_sample_times_must_agree_and_a_block_needs_its_port():
     sampled = Lti(A=[[0.5]], B=[[1.0, 1.0]], C=[[1.0], [1.0]], D=np.zeros((2, 2)), dt=0.01)
     with pytest.raises(ValueError, match="sample time"):
         hinfstruct(sampled, 1, 1, structure=full_structure(1, 1, 1))
-    with pytest.raises(ValueError, match="sample time 0.0"):
+    with pytest.raises(ValueError, match="P has the sample time"):
         hinfstruct([sampled, roll()], 1, 1)
     with pytest.raises(ValueError, match="block 'K' has the sample time"):
         Structure(blocks=(tunable_pid("K", input=0, output=0, cutoff=9.0),), n_meas=1, n_con=1, dt=0.01)
