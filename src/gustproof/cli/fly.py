@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 _TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
 _BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
+_COMPILING = ": compiling the simulator, once after an installation"
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -209,8 +210,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
-        first = f"{title}: compiling the simulator, once after an installation" if is_cold() else title
-        shown = stack.enter_context(progress(first, quiet=quiet))
+        shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
         watch = page.watch if page else None
         if isinstance(plan, FlightPlan):
             result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
