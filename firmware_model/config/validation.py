@@ -90,14 +90,17 @@ def _format_error(kind: Any, item: Any) -> str:
         tags, given = context["expected_tags"], context["tag"]
         near = did_you_mean(given, tags.replace("'", "").split(", "))
         return f"{key}.kind: must be one of {tags} (given '{sanitize_line(given)}'){near}"
-    message = str(context["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
+    return _format_value(kind, key, item)
+
+
+def _format_value(kind: Any, key: str, item: Any) -> str:
+    """Return the error of a value that is not allowed; without `key` it is of a whole table, and names keys itself."""
+    message = str(item["ctx"]["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
     if isinstance(item["input"], float) and not math.isfinite(item["input"]):
         message = "must be a finite number"
     given = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
-    if not key:  # of the whole table: the message names the keys
-        return f"{message}{given}"
     many = not given and item["type"] == "tuple_type" and _is_many(kind, key)
-    return f"{key}: there may be many: write [[{key}]]" if many else f"{key}: {message}{given}"
+    return f"{key}: there may be many: write [[{key}]]" if many else f"{key}{': ' if key else ''}{message}{given}"
 
 
 def _is_many(kind: Any, key: str) -> bool:

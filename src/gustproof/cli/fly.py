@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 _TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
 _BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
+_COMPILING = ": compiling the simulator, once after an installation"
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -127,7 +129,7 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from gustproof.recording.folder import make_run_folder
+    from gustproof.recording.folder import make_run_folder, remove_unused
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
@@ -149,6 +151,9 @@ def fly(
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
+    except ConfigError:
+        remove_unused(folder)
+        raise
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
@@ -209,8 +214,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
-        first = f"{title}: compiling the simulator, once after an installation" if is_cold() else title
-        shown = stack.enter_context(progress(first, quiet=quiet))
+        shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
         watch = page.watch if page else None
         if isinstance(plan, FlightPlan):
             result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
@@ -229,7 +233,6 @@ def load_script(scenario: str | None, *, free: bool) -> "Scenario":
     from dataclasses import replace
 
     from firmware_model.config.scenario import load_scenario
-    from firmware_model.errors import ConfigError
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -251,7 +254,6 @@ def _find_pilot(
 ) -> "tuple[Pilot, Vehicle]":
     """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
-    from firmware_model.errors import ConfigError
     from gustproof.entries.entry import parse_entry
     from gustproof.simulate.flight import check
 

@@ -28,9 +28,9 @@ class Catalogue(NamedTuple):
     kind: str
     """Kind as commands name it."""
     folder: Path
-    """Where they are."""
+    """Folder that holds them."""
     suffix: str
-    """How their names end."""
+    """Ending of their names."""
     load: Callable[[str], Any]
     """Reads one, by its name or a file of the user's."""
     summarize: Callable[[Any], dict[str, Any]]
