@@ -32,7 +32,8 @@ from gustproof.certify.gain.parts import Sector as Sector
 from gustproof.certify.gain.parts import Slope as Slope
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu
-from gustproof.certify.mu.worst_gain import worst_gain as worst_gain
+from gustproof.certify.mu.worst_gain import wcgain as wcgain
+from gustproof.certify.mu.worst_margin import wcmargin as wcmargin
 from gustproof.certify.rounding import certify_rounding as certify_rounding
 from gustproof.entries.entry import Entry as Entry
 from gustproof.entries.entry import parse_entry as parse_entry
@@ -102,6 +103,8 @@ from gustproof.synthesis.hinf.mixsyn import mixsyn as mixsyn
 from gustproof.synthesis.lpv.lpvsyn import LftController as LftController
 from gustproof.synthesis.lpv.lpvsyn import ScheduledController as ScheduledController
 from gustproof.synthesis.lpv.lpvsyn import lpvsyn as lpvsyn
+from gustproof.synthesis.mu.musyn import musyn as musyn
+from gustproof.synthesis.mu.ucover import ucover as ucover
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
 from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure
