@@ -57,6 +57,8 @@ from gustproof.lti.margins import margins as margins
 from gustproof.lti.norms import h2_norm as h2_norm
 from gustproof.lti.norms import hinf_norm as hinf_norm
 from gustproof.lti.state_space import Lti as Lti
+from gustproof.model.balred import ReducedSystem as ReducedSystem
+from gustproof.model.balred import balred as balred
 from gustproof.model.lft import Uncertain as Uncertain
 from gustproof.model.lft import close_loop as close_loop
 from gustproof.model.lft import ultidyn as ultidyn
@@ -84,6 +86,10 @@ from gustproof.simulate.loopback import fly_loopback as fly_loopback
 from gustproof.simulate.outcome import FlightOutcome as FlightOutcome
 from gustproof.simulate.pilots import fly_pilot as fly_pilot
 from gustproof.simulate.processes import fly as fly
+from gustproof.synthesis.coprime.gapmetric import Gap as Gap
+from gustproof.synthesis.coprime.gapmetric import gapmetric as gapmetric
+from gustproof.synthesis.coprime.ncfsyn import ShapedController as ShapedController
+from gustproof.synthesis.coprime.ncfsyn import ncfsyn as ncfsyn
 from gustproof.synthesis.derive import derive as derive
 from gustproof.synthesis.designs import Design as Design
 from gustproof.synthesis.designs import design_problem as design_problem

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from gustproof.cli.app import app
 from gustproof.errors import DesignError
-from gustproof.law.discretize import tustin
 from gustproof.law.form import load_law
 from gustproof.law.hover import linear_law
+from gustproof.lti.bilinear import tustin
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.structured.fixed_order import solve_structured
