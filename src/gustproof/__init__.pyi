@@ -95,8 +95,10 @@ from gustproof.synthesis.designs import Design as Design
 from gustproof.synthesis.designs import design_problem as design_problem
 from gustproof.synthesis.designs import list_designs as list_designs
 from gustproof.synthesis.designs import load_design as load_design
+from gustproof.synthesis.hinf.h2syn import h2syn as h2syn
 from gustproof.synthesis.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn as hinfsyn
+from gustproof.synthesis.hinf.mixsyn import mixsyn as mixsyn
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
 from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure

@@ -9,7 +9,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.lti.state_space import Lti, as_lti, lft
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, as_lti, gain, lft
 from gustproof.synthesis.designs import Weight, design_problem, load_design
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
@@ -163,6 +164,14 @@ def test_a_plant_that_no_arithmetic_can_hold_is_refused_by_name():
             assert result.norm < result.gamma
 
 
+def discretize_tustin(P: Lti, dt: float) -> Lti:
+    M = np.linalg.inv(np.eye(P.order) - P.A * dt / 2.0)
+    C = dt**0.5 * P.C @ M
+    return Lti(
+        A=M @ (np.eye(P.order) + P.A * dt / 2.0), B=dt**0.5 * M @ P.B, C=C, D=P.D + dt / 2.0 * P.C @ M @ P.B, dt=dt
+    )
+
+
 LAG = {"A": [[-1.0]], "B": [[1.0, 0.0, 1.0]], "C": [[1.0], [0.0], [1.0]]}
 GOOD_D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 
@@ -227,9 +236,34 @@ def test_a_callers_mistake_is_a_value_error(arguments, message):
         hinfsyn(Lti(**LAG, D=GOOD_D), **arguments)
 
 
-def test_a_discrete_plant_is_refused():
-    with pytest.raises(ValueError, match="continuous"):
-        hinfsyn(Lti(**LAG, D=GOOD_D, dt=0.01), 1, 1)
+def test_discrete_plant_has_the_level_of_its_bilinear_image():
+    P, n_meas, n_con = random_plant(4)
+    discrete = discretize_tustin(P, 0.1)
+    ours, continuous = hinfsyn(discrete, n_meas, n_con), hinfsyn(P, n_meas, n_con)
+    assert ours.gamma_opt == pytest.approx(continuous.gamma_opt, rel=1e-6)
+    assert ours.controller.dt == 0.1
+    loop = lft(discrete, ours.controller)
+    assert loop.is_stable()
+    assert hinf_norm(loop).gain == pytest.approx(ours.norm, rel=1e-9)
+
+
+@pytest.mark.parametrize("pole", [-1.0, 1.0, 0.0])
+def test_discrete_plant_with_a_pole_on_the_circle_is_solved(pole):
+    P = Lti(A=[[pole]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=GOOD_D, dt=0.5)
+    result = hinfsyn(P, 1, 1)
+    assert lft(P, result.controller).is_stable()
+    assert result.norm < result.gamma
+
+
+def test_discrete_plant_with_poles_at_both_ends_is_refused():
+    P = Lti(A=np.diag([1.0, -1.0]), B=np.ones((2, 3)), C=np.ones((3, 2)), D=GOOD_D, dt=0.5)
+    with pytest.raises(DesignError, match="poles at z = -1 and at z = 1"):
+        hinfsyn(P, 1, 1)
+
+
+def test_plant_without_states_is_refused():
+    with pytest.raises(ValueError, match="at least one state"):
+        hinfsyn(gain(GOOD_D), 1, 1)
 
 
 def test_a_noise_spectrum_that_rises_raises_the_floor():
