@@ -32,7 +32,8 @@ from gustproof.certify.gain.parts import Sector as Sector
 from gustproof.certify.gain.parts import Slope as Slope
 from gustproof.certify.mu.singular_value import disk_margin_bounds as disk_margin_bounds
 from gustproof.certify.mu.singular_value import mu as mu
-from gustproof.certify.mu.worst_gain import worst_gain as worst_gain
+from gustproof.certify.mu.worst_gain import wcgain as wcgain
+from gustproof.certify.mu.worst_margin import wcmargin as wcmargin
 from gustproof.certify.rounding import certify_rounding as certify_rounding
 from gustproof.entries.entry import Entry as Entry
 from gustproof.entries.entry import parse_entry as parse_entry
@@ -99,6 +100,8 @@ from gustproof.synthesis.hinf.h2syn import h2syn as h2syn
 from gustproof.synthesis.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn as hinfsyn
 from gustproof.synthesis.hinf.mixsyn import mixsyn as mixsyn
+from gustproof.synthesis.mu.musyn import musyn as musyn
+from gustproof.synthesis.mu.ucover import ucover as ucover
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
 from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure
