@@ -157,18 +157,20 @@ def _choose_solver(
         own = {name: options[name] for name in ("order", "starts", "seed")}
         return wanted, partial(solve_structured, **own, progress=shown)
     if method is Method.H2SYN:
-        return wanted, methods.solve_h2
+        return methods.named_for("h2syn", wanted, estimates=True), methods.solve_h2
     if method is Method.NCFSYN:
         crossover = options["crossover"]
         if not 0.0 < crossover < math.inf:
             raise ConfigError(f"--crossover: is {crossover}, must be positive")
-        return methods.unscheduled(wanted), partial(methods.solve_loop_shaping, crossover=crossover)
+        shaped = methods.named_for("ncfsyn", wanted, estimates=False)
+        return shaped, partial(methods.solve_loop_shaping, crossover=crossover)
     if method is Method.MUSYN:
         try:
             envelope = Envelope(angle=options["angle"], rate=options["rate"])
         except ValueError as error:
             raise ConfigError(str(error)) from None
-        return methods.unscheduled(wanted), partial(methods.solve_mu, envelope=envelope, progress=shown)
+        robust = methods.named_for("musyn", wanted, estimates=False)
+        return robust, partial(methods.solve_mu, envelope=envelope, progress=shown)
     return wanted, None
 
 
