@@ -108,7 +108,9 @@ from gustproof.synthesis.structured.blocks import Structure as Structure
 from gustproof.synthesis.structured.blocks import tunable_gain as tunable_gain
 from gustproof.synthesis.structured.blocks import tunable_pid as tunable_pid
 from gustproof.synthesis.structured.blocks import tunable_ss as tunable_ss
+from gustproof.synthesis.structured.control_delay import delay_controls as delay_controls
 from gustproof.synthesis.structured.hinfstruct import hinfstruct as hinfstruct
+from gustproof.synthesis.structured.robust import robust_hinfstruct as robust_hinfstruct
 from gustproof.synthesis.tune import default_slew as default_slew
 from gustproof.synthesis.tune import tune_law as tune_law
 from gustproof.version import __version__ as __version__
