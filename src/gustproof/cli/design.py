@@ -14,6 +14,7 @@ from firmware_model.errors import ConfigError
 from gustproof.cli.options import AsJson, check_output, print_json, progress, refuse_given
 
 if TYPE_CHECKING:
+    from gustproof.model.rotational import Envelope
     from gustproof.synthesis.derive import Solver
     from gustproof.synthesis.designs import Design
 
@@ -36,8 +37,8 @@ _OWN_OPTIONS = {
     "starts": {Method.HINFSTRUCT},
     "seed": {Method.HINFSTRUCT},
     "crossover": {Method.NCFSYN},
-    "angle": {Method.MUSYN},
-    "rate": {Method.MUSYN},
+    "angle": {Method.HINFSTRUCT, Method.MUSYN},
+    "rate": {Method.HINFSTRUCT, Method.MUSYN},
 }
 """Methods that take an option; all take those that are not here."""
 
@@ -67,10 +68,10 @@ def design(
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="hinfstruct: seed of random starts.")] = 1,
     crossover: Annotated[float, typer.Option(help="ncfsyn: crossover of the shaped loop [rad/s].")] = 20.0,
     angle: Annotated[
-        float | None, typer.Option("--angle-rad", help="musyn: largest roll and pitch of the envelope [rad].")
+        float | None, typer.Option("--angle-rad", help="musyn, hinfstruct: largest roll and pitch [rad].")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option("--rate-rad-s", help="musyn: largest rates p, q, r of the envelope [rad/s].")
+        float | None, typer.Option("--rate-rad-s", help="musyn, hinfstruct: largest rates p, q, r [rad/s].")
     ] = None,
     inner: Annotated[
         Path | None,
@@ -85,15 +86,15 @@ def design(
 
     The law is flown, certified, analysed and exported like any other. Methods differ in what they make small:
 
-    - hinfsyn and hinfstruct: the H-infinity norm of the weighted loop at hover.
+    - hinfsyn and hinfstruct: the H-infinity norm of the weighted loop at hover; hinfstruct with an envelope: the
+    worst one for attitudes and rates that are constant within it.
 
     - h2syn: its H2 norm, the rms of the weighted outputs for white noise.
 
     - ncfsyn: the norm for errors of the plant's coprime factors. The loop crosses 1 at --crossover and holds the
     attitude below a sixth of it; the design's weights have no part in it.
 
-    - musyn: the L2 gain of the weighted loop for all motions within an envelope. `gustproof certify` proves such a
-    gain of a design's own law.
+    - musyn: the L2 gain of the weighted loop for all motions within an envelope, proved in exact arithmetic.
 
     The law of a scheduled design is linear with ncfsyn and musyn: their states are no estimates of the attitude.
 
@@ -149,13 +150,13 @@ def _choose_solver(
     method: Method, wanted: "Design", options: dict[str, Any], shown: Callable[[float, str], None]
 ) -> "tuple[Design, Solver | None]":
     """Return the design as far as a method can serve it, and its solver with its own options."""
-    from gustproof.model.rotational import Envelope
     from gustproof.synthesis import methods
     from gustproof.synthesis.structured.fixed_order import solve_structured
 
     if method is Method.HINFSTRUCT:
         own = {name: options[name] for name in ("order", "starts", "seed")}
-        return wanted, partial(solve_structured, **own, progress=shown)
+        reduced = methods.named_for("hinfstruct", wanted, estimates=True)
+        return reduced, partial(solve_structured, **own, progress=shown, envelope=_parse_envelope(options))
     if method is Method.H2SYN:
         return methods.named_for("h2syn", wanted, estimates=True), methods.solve_h2
     if method is Method.NCFSYN:
@@ -165,13 +166,27 @@ def _choose_solver(
         shaped = methods.named_for("ncfsyn", wanted, estimates=False)
         return shaped, partial(methods.solve_loop_shaping, crossover=crossover)
     if method is Method.MUSYN:
-        try:
-            envelope = Envelope(angle=options["angle"], rate=options["rate"])
-        except ValueError as error:
-            raise ConfigError(str(error)) from None
+        envelope = _parse_envelope(options)
+        if envelope is None:
+            raise ConfigError("--method musyn needs --angle-rad and --rate-rad-s")
         robust = methods.named_for("musyn", wanted, estimates=False)
         return robust, partial(methods.solve_mu, envelope=envelope, progress=shown)
     return wanted, None
+
+
+def _parse_envelope(options: dict[str, Any]) -> "Envelope | None":
+    """Return the envelope of attitudes and rates; `None` without it."""
+    from gustproof.model.rotational import Envelope
+
+    angle, rate = options["angle"], options["rate"]
+    if angle is None and rate is None:
+        return None
+    if angle is None or rate is None:
+        raise ConfigError("--angle-rad and --rate-rad-s go together")
+    try:
+        return Envelope(angle=angle, rate=rate)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
 
 
 def _check_options(context: typer.Context, method: Method, gamma: float | None, backoff: float | None) -> None:
@@ -183,5 +198,3 @@ def _check_options(context: typer.Context, method: Method, gamma: float | None, 
     refuse_given(context, foreign, f"--method {method.value} has no use for it")
     if method is Method.HINFSTRUCT and context.params["order"] is None:
         raise ConfigError("--method hinfstruct needs --order")
-    if method is Method.MUSYN and None in (context.params["angle"], context.params["rate"]):
-        raise ConfigError("--method musyn needs --angle-rad and --rate-rad-s")

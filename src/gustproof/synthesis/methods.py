@@ -10,6 +10,7 @@ from gustproof.certify.gain.l2_gain import attitude_plant, certify_gain
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, gain, series
 from gustproof.model.interconnection import Interconnection
+from gustproof.model.lft import Uncertain
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn
@@ -74,14 +75,25 @@ def solve_mu(
     DesignError
         If the design commands rates, has a reference or an accelerometer, or no start has a finite bound.
     """
-    try:
-        plant = attitude_plant(problem, envelope)
-    except ValueError as error:
-        raise DesignError(f"design {design.name}: {error}") from None
+    plant = uncertain_plant(design, problem, envelope)
     result = musyn(plant, problem.n_meas, problem.n_con, measure="l2gain", progress=progress)
     certificate = certify_gain(problem, result.controller, angle=envelope.angle, rate=envelope.rate)
     proven = f"{'proven exactly' if certificate.proven else 'NOT proven exactly'}: {certificate.statement}"
     return replace(result, checks=(*result.checks, proven))
+
+
+def uncertain_plant(design: Design, problem: Interconnection, envelope: Envelope) -> Uncertain:
+    """Return the plant of a design over an envelope.
+
+    Raises
+    ------
+    DesignError
+        If the design commands rates, has a reference or an accelerometer.
+    """
+    try:
+        return attitude_plant(problem, envelope)
+    except ValueError as error:
+        raise DesignError(f"design {design.name}: {error}") from None
 
 
 def named_for(method: str, design: Design, *, estimates: bool) -> Design:

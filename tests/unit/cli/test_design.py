@@ -78,7 +78,8 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
     [
         (("D2", "--method", "ncfsyn", "--order", "3"), "'order' cannot be given with it"),
         (("D2", "--method", "h2syn", "--gamma", "1"), "'gamma' cannot be given with it"),
-        (("D2", "--method", "musyn", "--angle-rad", "0.1"), "needs --angle-rad and --rate-rad-s"),
+        (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
+        (("D2", "--method", "musyn"), "needs --angle-rad and --rate-rad-s"),
         (("D2", "--method", "musyn", "--angle-rad", "2", "--rate-rad-s", "1"), "below pi/2"),
         (("D2", "--angle-rad", "0.1"), "'angle' cannot be given with it"),
         (("D2", "--method", "hinfstruct"), "needs --order"),
