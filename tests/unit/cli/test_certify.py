@@ -271,4 +271,4 @@ def test_a_command_path_that_is_none_is_refused(arguments, reason):
 
 
 def test_a_flight_takes_no_delay_of_a_gain():
-    assert "--delay-ms" in run("flagship", "--delay-ms", "8").output
+    assert "'delay-ms' cannot be given with it" in run("flagship", "--delay-ms", "8").output

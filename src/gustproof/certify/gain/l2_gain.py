@@ -344,18 +344,23 @@ def attitude_loop(
 
     The command passes the `command_parts`: what a delay changes is added to it, what a limit cuts off is taken away.
     """
-    leak, damping, inertia_B = _airframe(problem)
-    dynamics = rotation(inertia_B, envelope)
-    P = connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+    P = attitude_plant(problem, envelope)
     if delay is not None or saturation is not None:
         P = P @ append(np.eye(P.n_inputs - problem.n_con), _command_path(problem.n_con, delay, saturation))
     K = as_continuous("the controller", controller)
     if not scheduled:
         return close_loop(P, K)
-    n = K.order
+    n, dynamics = K.order, rotation(_airframe(problem)[2], envelope)
     excess = (dynamics + -dynamics.nominal_system().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
+
+
+def attitude_plant(problem: Interconnection, envelope: Envelope) -> Uncertain:
+    """Return the plant of a design problem, from (w, u) to (z, y), with exact rotation over the envelope."""
+    leak, damping, inertia_B = _airframe(problem)
+    dynamics = rotation(inertia_B, envelope)
+    return connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
 
 
 def _command_path(n: int, delay: Delay | None, saturation: float | None) -> Uncertain:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from gustproof.certify.mu.sweep import Bracket
-from gustproof.certify.mu.worst_gain import worst_gain
+from gustproof.certify.mu.worst_gain import wcgain
 from gustproof.law.discretize import tustin
 from gustproof.lti.state_space import ComplexMatrix, Lti, gain, series
 from gustproof.model.lft import Uncertain, append, close_loop, star
@@ -109,7 +109,7 @@ def robust_hinfstruct(
         progress(k / _MOST_ROUNDS, f"{len(models)} members{text}")
         problem = Problem(models=tuple(models), structure=structure, target=GainGoal(), hard_goals=tuple(hard_goals))
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
-        bracket = worst_gain(close_loop(P, result.controller), boxes=boxes)
+        bracket = wcgain(close_loop(P, result.controller), boxes=boxes)
         history.append(bracket.upper)
         if best is None or bracket.upper < best[1].upper:
             best = result, bracket, k

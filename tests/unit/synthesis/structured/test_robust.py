@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 
-from gustproof.certify.mu.worst_gain import worst_gain
+from gustproof.certify.mu.worst_gain import wcgain
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import as_lti, lft
 from gustproof.model.lft import Uncertain, close_loop, ultidyn, ureal
@@ -34,7 +34,7 @@ def test_worst_members_are_added_until_the_certified_gain_stops_falling(actuator
     P = driven_through(actuator)
     nominal = hinfstruct(LAG, 1, 1, starts=1)
     result = robust_hinfstruct(P, 1, 1, starts=1)
-    before = worst_gain(close_loop(P, nominal.controller))
+    before = wcgain(close_loop(P, nominal.controller))
     assert result.gamma < 0.99 * before.upper
     assert result.gamma == min(result.history) == result.certified.upper
     assert result.norm <= result.gamma <= 1.05 * result.norm
