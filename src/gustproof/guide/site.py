@@ -8,7 +8,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,6 +66,10 @@ MADE: Mapping[str, Callable[[], str]] = {
     "api": reference.python_api,
 }
 """Pages made from the models; `options` is made from the command line that is given."""
+
+
+_WIDE = '<div class="wide" role="region" aria-label="Table {}" tabindex="0"><table>'
+"""Opening of a table, which scrolls on its own if it is wide."""
 
 
 class Page(NamedTuple):
@@ -171,7 +175,8 @@ def render_markdown(text: str) -> str:
             if target := inline.attrGet(key):
                 inline.attrSet(key, _site_address(str(target)))
     page = str(parser.renderer.render(tokens, parser.options, {}))
-    page = page.replace("<table>", '<div class="wide" role="region" aria-label="Table" tabindex="0"><table>')
+    numbers = count(1)
+    page = re.sub("<table>", lambda _: _WIDE.format(next(numbers)), page)
     page = page.replace("</table>", "</table></div>").replace("<th>", '<th scope="col">')
     return page.replace("<pre>", '<pre tabindex="0">')
 
