@@ -21,7 +21,7 @@ from gustproof.version import __version__
 GUIDE = Path(str(files("gustproof.guide")))
 
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Start": ("index", "tutorial"),
+    "Start": ("index", "install", "tutorial"),
     "How to": (
         "vehicle",
         "log",

@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[3]
 GUIDE = Path(str(files("gustproof.guide")))
 PAGES = {"README": ROOT / "README.md", **{path.stem: path for path in sorted(GUIDE.glob("*.md"))}}
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
-OTHER_PROGRAMS = {"gcc", "mavproxy.py", "pip", "python", "source", "tools/bench", "tools/demo", "tools/test"}
+OTHER_PROGRAMS = {"gcc", "mavproxy.py", "pip", "python", "tools/bench", "tools/demo", "tools/test"}
 LAW_FILES = (".json", ".mat", ".params", ".param")
 
 
@@ -85,7 +85,7 @@ def test_command_of_a_page_has_these_options_and_names(words: tuple[str, ...]) -
 
 def test_every_other_program_of_the_pages_is_expected() -> None:
     others = {words[0] for _, words in LINES} - {"gustproof"}
-    assert others == OTHER_PROGRAMS - {"source"}
+    assert others == OTHER_PROGRAMS
 
 
 def test_the_tools_that_the_readme_starts_are_there_and_executable() -> None:
