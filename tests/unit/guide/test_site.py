@@ -79,7 +79,7 @@ def test_headings_landmarks_and_pictures_have_names(pages):
 def test_an_unknown_page_is_one_line(tmp_path):
     result = CliRunner().invoke(app, ["guide", "tutorail", "-o", str(tmp_path), "--no-open"])
     assert result.exit_code == 2
-    assert "no page named 'tutorail', there are index, tutorial" in result.stderr
+    assert "no page named 'tutorail', there are index, install, tutorial" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
