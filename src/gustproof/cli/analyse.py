@@ -7,11 +7,11 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law
-from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, print_json
+from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, complete, print_json, working
 
 
 def analyse(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str, typer.Argument(help=LAW_HELP, autocompletion=complete("law"))],
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives the wind and the sample rate.")
     ] = "paper-turbulence",
@@ -41,7 +41,8 @@ def analyse(
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
     try:
-        analysis = analysed(read, airframe, script, seed=seed)
+        with working(f"analysing {read.name}", quiet=as_json):
+            analysis = analysed(read, airframe, script, seed=seed)
         if output is not None:
             from gustproof.report.figures import save_analysis
 

@@ -9,7 +9,15 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json, refuse_given
+from gustproof.cli.options import (
+    AsJson,
+    check_output,
+    complete,
+    parse_positive_vector,
+    print_json,
+    refuse_given,
+    working,
+)
 
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
@@ -52,7 +60,11 @@ _UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
 def certify(
     context: typer.Context,
     name: Annotated[
-        str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
+        str | None,
+        typer.Argument(
+            help="Name of a shipped design or law, or a file: design .toml, law .json.",
+            autocompletion=complete("design"),
+        ),
     ] = None,
     angle: Annotated[
         float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
@@ -101,7 +113,11 @@ def certify(
         str | None, typer.Option(help="With --check: the law of a flight's certificate, a name or a .json file.")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
+        str | None,
+        typer.Option(
+            help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].",
+            autocompletion=complete("vehicle"),
+        ),
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
     as_json: AsJson = False,
@@ -162,30 +178,34 @@ def certify(
         if (name is None) != (envelope is None):
             raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
         derived = None
-        if name is not None and envelope is not None:
-            derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
-        raise typer.Exit(_check(check_file, law, None if name else vehicle, derived, as_json=as_json).value)
+        with working(f"checking {check_file}", quiet=as_json):
+            if name is not None and envelope is not None:
+                derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
+            status = _check(check_file, law, None if name else vehicle, derived, as_json=as_json)
+        raise typer.Exit(status.value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
     check_output(output, ".json", "a certificate")
     certificate: Certificate | FlightCertificate
     if envelope is not None:
-        certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
+        with working(f"proving a gain of {name}", quiet=as_json):
+            certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
     else:
         gains = ("exact_rho", "slow", "level", "leak")
         refuse_given(context, gains, "a flight takes the law file as it is, and proves no gain")
-        certificate = _certify_flight(
-            name,
-            vehicle or "paper",
-            moment,
-            horizon,
-            moment_class=moment_class,
-            slope=slope,
-            noise=noise,
-            risk=risk,
-            inertia_spread=inertia_spread,
-            lag_spread=lag_spread,
-        )
+        with working(f"proving a box for {name}", quiet=as_json):
+            certificate = _certify_flight(
+                name,
+                vehicle or "paper",
+                moment,
+                horizon,
+                moment_class=moment_class,
+                slope=slope,
+                noise=noise,
+                risk=risk,
+                inertia_spread=inertia_spread,
+                lag_spread=lag_spread,
+            )
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
@@ -206,7 +226,8 @@ def _predict(context: typer.Context, name: str | None, vehicle: str, air: str, r
     if name is None:
         raise ConfigError(_USAGE)
     try:
-        found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
+        with working(f"predicting a box for {name}", quiet=as_json):
+            found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if as_json:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, check_output, print_json, progress
+from gustproof.cli.options import AsJson, check_output, complete, print_json, progress
 
 
 class Method(Enum):
@@ -20,13 +20,23 @@ class Method(Enum):
 
 
 def design(
-    name: Annotated[str, typer.Argument(help="Name of a shipped design, such as D1, or a .toml file.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Name of a shipped design, such as D1, or a .toml file.",
+            autocompletion=complete("design", "list", "show"),
+        ),
+    ],
     gamma: Annotated[float | None, typer.Option(help="Level to design for.")] = None,
     backoff: Annotated[
         float | None, typer.Option(help="Level as a multiple (> 1) of the least possible level.")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's].")
+        str | None,
+        typer.Option(
+            help="Name of a shipped vehicle, or a .toml file [default: the design's].",
+            autocompletion=complete("vehicle"),
+        ),
     ] = None,
     method: Annotated[
         Method, typer.Option(help="hinfsyn: a controller of the plant's order; hinfstruct: one of the given --order.")
@@ -74,7 +84,7 @@ def design(
     elif backoff is not None:
         wanted = replace(wanted, gamma=None, backoff=backoff)
     airframe = None if vehicle is None else load_vehicle(vehicle)
-    with progress(f"searching, {wanted.name}", quiet=as_json or order is None) as shown:
+    with progress(f"design {wanted.name}", quiet=as_json) as shown:
         search = partial(solve_structured, order=order or 0, starts=starts, seed=seed, progress=shown)
         if inner is not None:
             law, report = derive_over(wanted, load_inner_loops(inner), airframe)

@@ -17,6 +17,7 @@ from gustproof.cli.options import (
     Build,
     Params,
     VehicleName,
+    complete,
     print_json,
     progress,
     refuse_given,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 _TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
 _BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
+_COMPILING = ": compiling the simulator, once after an installation"
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -41,11 +43,16 @@ _Comparison = tuple[bool | None, str]
 def fly(
     context: typer.Context,
     scenario: Annotated[
-        str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"), show_default=False
+        ),
     ] = None,
     law: Annotated[
         str | None,
-        typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
+        typer.Option(
+            help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own].", autocompletion=complete("law")
+        ),
     ] = None,
     controller: Annotated[
         str | None,
@@ -183,6 +190,7 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
     from gustproof.law.form import Law
+    from gustproof.simulate.checkup import is_cold
     from gustproof.simulate.flight import FlightPlan, warnings
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
@@ -202,7 +210,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
-        shown = stack.enter_context(progress(title, quiet=quiet))
+        shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
         watch = page.watch if page else None
         if isinstance(plan, FlightPlan):
             result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)

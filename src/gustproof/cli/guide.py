@@ -61,6 +61,8 @@ def guide(
     names = [each.name for each in pages]
     if page not in names:
         raise ConfigError(f"no page named '{page}', there are {', '.join(names)}")
+    if output is not None and output.is_dir() and any(output.iterdir()) and not (output / "guide.css").exists():
+        raise ConfigError(f"{output}: holds other files, and no guide to replace")
     first = write_site(pages, Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output)
     opened = first.with_name(f"{page}.html").resolve()
     print(opened)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import check_output
+from gustproof.cli.options import check_output, working
 
 
 def report(
@@ -35,12 +35,14 @@ def report(
 
         if len(runs) > 1:
             raise ConfigError(f"{', '.join(map(str, runs))}: a page shows one campaign, or flights")
-        write_campaign_report(runs[0], output)
+        with working(f"writing {output}", quiet=False):
+            write_campaign_report(runs[0], output)
         print(f"the campaign of {runs[0]} in {output}")
         return
     from gustproof.report.html.page import write_report
     from gustproof.report.html.runs import read_runs
 
-    flights = read_runs(runs)
-    write_report(flights, output)
+    with working(f"writing {output}", quiet=False):
+        flights = read_runs(runs)
+        write_report(flights, output)
     print(f"{len(flights)} flight{'s' if len(flights) != 1 else ''} in {output}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gustproof.cli.options import AsJson, check_output, print_json, progress, refuse_given
+from gustproof.cli.options import AsJson, check_output, complete, print_json, progress, refuse_given
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
@@ -40,7 +40,9 @@ class TunedAutopilot(Enum):
 
 def tune(
     context: typer.Context,
-    vehicle: Annotated[str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.")],
+    vehicle: Annotated[
+        str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+    ],
     law: Annotated[Structure, typer.Option(help="Structure of the law.")] = Structure.FLAGSHIP,
     slew: Annotated[
         float | None,

@@ -120,7 +120,7 @@ def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
     path.write_text('description = "x"\nduration_s = 1.0\ndurationn_s = 2.0\n')
     result = run("fly", str(path), "--law", "hinf-d1")
     assert result.exit_code == 2
-    assert f"{path}: durationn_s: unknown key" in one_line(result)
+    assert f"{path}: line 3, durationn_s: unknown key" in one_line(result)
 
 
 @pytest.mark.parametrize(

@@ -83,6 +83,16 @@ def test_an_unknown_page_is_one_line(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_guide_replaces_a_guide_but_no_other_files(folder, tmp_path):
+    again = CliRunner().invoke(app, ["guide", "-o", str(folder), "--no-open"])
+    assert again.output == f"{folder / 'index.html'}\n"
+    (tmp_path / "index.html").write_text("mine")
+    refused = CliRunner().invoke(app, ["guide", "-o", str(tmp_path), "--no-open"])
+    assert refused.exit_code == 2
+    assert "holds other files, and no guide to replace" in refused.stderr
+    assert (tmp_path / "index.html").read_text() == "mine"
+
+
 def test_markdown_is_rendered_without_raw_html():
     shown = render_markdown(
         "# A b\n\n<script>x</script>\n\n[p](px4.md#a) ![alt](pictures/x.png)\n\n| a |\n|---|\n| 1 |\n"
