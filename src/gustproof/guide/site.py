@@ -83,28 +83,26 @@ class Page(NamedTuple):
     """Text."""
 
 
-def load_pages(options: str) -> list[Page]:
-    """Return all pages in the order of the contents; `options` is the Markdown of the command line's reference.
+def page_names() -> list[str]:
+    """Return the names of all pages in the order of the contents; a page that is neither made nor a file is left out."""
+    names = [name for names in SECTIONS.values() for name in names]
+    return [name for name in names if name in {*MADE, "options"} or (GUIDE / f"{name}.md").is_file()]
 
-    A page without a file is left out.
-    """
+
+def load_pages(options: str) -> list[Page]:
+    """Return all pages in the order of the contents; `options` is the Markdown of the command line's reference."""
     found = []
-    for name in (name for names in SECTIONS.values() for name in names):
-        file = GUIDE / f"{name}.md"
+    for name in page_names():
         if name == "options":
             text = options
-        elif name in MADE:
-            text = MADE[name]()
-        elif file.is_file():
-            text = file.read_text(encoding="utf-8")
         else:
-            continue
+            text = MADE[name]() if name in MADE else (GUIDE / f"{name}.md").read_text(encoding="utf-8")
         found.append(Page(name, text.partition("\n")[0].removeprefix("# "), text))
     return found
 
 
-def write_site(pages: Sequence[Page], folder: Path) -> Path:
-    """Write the site of the pages to a folder, which is made, and return the file to open first."""
+def write_site(pages: Sequence[Page], folder: Path) -> None:
+    """Write the site of the pages to a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
     for kind in ("pictures", "assets"):
         for file in sorted((GUIDE / kind).iterdir()):
@@ -112,7 +110,6 @@ def write_site(pages: Sequence[Page], folder: Path) -> Path:
                 shutil.copyfile(file, folder / file.name)
     for page in pages:
         (folder / f"{page.name}.html").write_text(render_page(page, pages), encoding="utf-8")
-    return folder / "index.html"
 
 
 def render_page(page: Page, pages: Sequence[Page]) -> str:
