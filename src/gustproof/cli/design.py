@@ -1,10 +1,7 @@
 """The command `gustproof design`: from weights to a law file."""
 
 import math
-<<<<<<< HEAD
-=======
 from collections.abc import Callable
->>>>>>> iqc
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -14,16 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-<<<<<<< HEAD
-from gustproof.cli.options import AsJson, check_output, complete, print_json, progress
-=======
-from gustproof.cli.options import AsJson, check_output, print_json, progress, refuse_given
+from gustproof.cli.options import AsJson, check_output, complete, print_json, progress, refuse_given
 
 if TYPE_CHECKING:
     from gustproof.model.rotational import Envelope
     from gustproof.synthesis.derive import Solver
     from gustproof.synthesis.designs import Design
->>>>>>> iqc
 
 
 class Method(Enum):
@@ -51,7 +44,7 @@ _OWN_OPTIONS = {
 
 
 def design(
-<<<<<<< HEAD
+    context: typer.Context,
     name: Annotated[
         str,
         typer.Argument(
@@ -59,12 +52,7 @@ def design(
             autocompletion=complete("design", "list", "show"),
         ),
     ],
-    gamma: Annotated[float | None, typer.Option(help="Level to design for.")] = None,
-=======
-    context: typer.Context,
-    name: Annotated[str, typer.Argument(help="Name of a shipped design, such as D1, or a .toml file.")],
     gamma: Annotated[float | None, typer.Option(help="hinfsyn: level to design for.")] = None,
->>>>>>> iqc
     backoff: Annotated[
         float | None, typer.Option(help="hinfsyn, ncfsyn: level as a multiple (> 1) of the least possible level.")
     ] = None,
@@ -150,13 +138,7 @@ def design(
     elif backoff is not None:
         wanted = replace(wanted, gamma=None, backoff=backoff)
     airframe = None if vehicle is None else load_vehicle(vehicle)
-<<<<<<< HEAD
     with progress(f"design {wanted.name}", quiet=as_json) as shown:
-        search = partial(solve_structured, order=order or 0, starts=starts, seed=seed, progress=shown)
-=======
-    searches = method in {Method.HINFSTRUCT, Method.MUSYN}
-    with progress(f"searching, {wanted.name}", quiet=as_json or not searches) as shown:
->>>>>>> iqc
         if inner is not None:
             law, report = derive_over(wanted, load_inner_loops(inner), airframe)
         else:
@@ -219,18 +201,9 @@ def _parse_envelope(options: dict[str, Any]) -> "Envelope | None":
 def _check_options(context: typer.Context, method: Method, gamma: float | None, backoff: float | None) -> None:
     if gamma is not None and backoff is not None:
         raise ConfigError("--gamma and --backoff both set the level: give one of them")
-<<<<<<< HEAD
-    if (gamma is not None and not 0.0 < gamma < math.inf) or (backoff is not None and not backoff > 1.0):
-        raise ConfigError("--gamma must be above 0 and finite, --backoff above 1")
-    if (method is Method.HINFSTRUCT) != (order is not None):
-        raise ConfigError("--method hinfstruct and --order go together")
-    if method is Method.HINFSTRUCT and (gamma is not None or backoff is not None):
-        raise ConfigError("--method hinfstruct minimises the level: --gamma and --backoff cannot set it")
-=======
     if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
         raise ConfigError("--gamma must be above 0, --backoff above 1")
     foreign = sorted(option for option, methods in _OWN_OPTIONS.items() if method not in methods)
     refuse_given(context, foreign, f"--method {method.value} has no use for it")
     if method is Method.HINFSTRUCT and context.params["order"] is None:
         raise ConfigError("--method hinfstruct needs --order")
->>>>>>> iqc

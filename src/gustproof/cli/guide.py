@@ -51,21 +51,26 @@ def guide(
         return
     from tempfile import mkdtemp
 
-    from gustproof.guide.reference import command_options
-    from gustproof.guide.site import load_pages, write_site
+    from gustproof.guide.site import load_pages, page_names, write_site
 
-    root = context.find_root()
-    commands = dict(_iter_commands(root.command, "gustproof"))
-    options = command_options(commands, lambda name, command: type(root)(command, info_name=name), _process_helps())
-    pages = load_pages(options)
-    names = [each.name for each in pages]
-    if page not in names:
-        raise ConfigError(f"no page named '{page}', there are {', '.join(names)}")
-    first = write_site(pages, Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output)
-    opened = first.with_name(f"{page}.html").resolve()
+    if page not in page_names():
+        raise ConfigError(f"no page named '{page}', there are {', '.join(page_names())}")
+    if output is not None and output.is_dir() and any(output.iterdir()) and not (output / "guide.css").exists():
+        raise ConfigError(f"{output}: holds other files, and no guide to replace")
+    folder = Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output
+    write_site(load_pages(_options_page(context.find_root())), folder)
+    opened = (folder / f"{page}.html").resolve()
     print(opened)
     if browse:
         webbrowser.open(opened.as_uri())
+
+
+def _options_page(root: Any) -> str:
+    """Return the reference of all commands below the root's context."""
+    from gustproof.guide.reference import command_options
+
+    commands = dict(_iter_commands(root.command, "gustproof"))
+    return command_options(commands, lambda name, command: type(root)(command, info_name=name), _process_helps())
 
 
 def _process_helps() -> dict[str, str]:

@@ -13,7 +13,7 @@ import gustproof
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording import journal
-from firmware_model.session.vehicle_endpoint import VehicleEndpoint
+from firmware_model.session.vehicle_endpoint import HEARTBEAT_US, VehicleEndpoint
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
 from gustproof.law.form import FORMAT, Law, Provenance, RateLimit
 from gustproof.recording.definitions import COMMAND_AGE, FLIGHT, MODE, definition, rotors_message
@@ -189,10 +189,16 @@ def mavlink_messages() -> str:
     """Return the reference of the vehicle's MAVLink: streams, messages that it reads, and commands."""
     from pymavlink.dialects.v20 import all as wire
 
+    intervals = {wire.MAVLINK_MSG_ID_HEARTBEAT: HEARTBEAT_US}  # on a clock of its own
     endpoint = VehicleEndpoint(load_vehicle("paper"), load_scenario("calm"), 1, lambda _: None, lockstep=True)
     services, known = endpoint.services, wire.mavlink_map
     sent = [
-        (f"`{known[number].msgname}`", str(number), _interval(stream.interval_us), _message_fields(known[number]))
+        (
+            f"`{known[number].msgname}`",
+            str(number),
+            _interval(intervals.get(number, stream.interval_us)),
+            _message_fields(known[number]),
+        )
         for number, stream in sorted(services.streams.items())
     ]
     sent += [

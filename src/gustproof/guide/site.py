@@ -8,7 +8,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from gustproof.version import __version__
 GUIDE = Path(str(files("gustproof.guide")))
 
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Start": ("index", "tutorial"),
+    "Start": ("index", "install", "tutorial"),
     "How to": (
         "vehicle",
         "log",
@@ -68,6 +68,10 @@ MADE: Mapping[str, Callable[[], str]] = {
 """Pages made from the models; `options` is made from the command line that is given."""
 
 
+_WIDE = '<div class="wide" role="region" aria-label="Table {}" tabindex="0"><table>'
+"""Opening of a table, which scrolls on its own if it is wide."""
+
+
 class Page(NamedTuple):
     """One page of the guide."""
 
@@ -79,28 +83,26 @@ class Page(NamedTuple):
     """Text."""
 
 
-def load_pages(options: str) -> list[Page]:
-    """Return all pages in the order of the contents; `options` is the Markdown of the command line's reference.
+def page_names() -> list[str]:
+    """Return the names of all pages in the order of the contents; a page that is neither made nor a file is left out."""
+    names = [name for names in SECTIONS.values() for name in names]
+    return [name for name in names if name in {*MADE, "options"} or (GUIDE / f"{name}.md").is_file()]
 
-    A page without a file is left out.
-    """
+
+def load_pages(options: str) -> list[Page]:
+    """Return all pages in the order of the contents; `options` is the Markdown of the command line's reference."""
     found = []
-    for name in (name for names in SECTIONS.values() for name in names):
-        file = GUIDE / f"{name}.md"
+    for name in page_names():
         if name == "options":
             text = options
-        elif name in MADE:
-            text = MADE[name]()
-        elif file.is_file():
-            text = file.read_text(encoding="utf-8")
         else:
-            continue
+            text = MADE[name]() if name in MADE else (GUIDE / f"{name}.md").read_text(encoding="utf-8")
         found.append(Page(name, text.partition("\n")[0].removeprefix("# "), text))
     return found
 
 
-def write_site(pages: Sequence[Page], folder: Path) -> Path:
-    """Write the site of the pages to a folder, which is made, and return the file to open first."""
+def write_site(pages: Sequence[Page], folder: Path) -> None:
+    """Write the site of the pages to a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
     for kind in ("pictures", "assets"):
         for file in sorted((GUIDE / kind).iterdir()):
@@ -108,7 +110,6 @@ def write_site(pages: Sequence[Page], folder: Path) -> Path:
                 shutil.copyfile(file, folder / file.name)
     for page in pages:
         (folder / f"{page.name}.html").write_text(render_page(page, pages), encoding="utf-8")
-    return folder / "index.html"
 
 
 def render_page(page: Page, pages: Sequence[Page]) -> str:
@@ -171,7 +172,8 @@ def render_markdown(text: str) -> str:
             if target := inline.attrGet(key):
                 inline.attrSet(key, _site_address(str(target)))
     page = str(parser.renderer.render(tokens, parser.options, {}))
-    page = page.replace("<table>", '<div class="wide" role="region" aria-label="Table" tabindex="0"><table>')
+    numbers = count(1)
+    page = re.sub("<table>", lambda _: _WIDE.format(next(numbers)), page)
     page = page.replace("</table>", "</table></div>").replace("<th>", '<th scope="col">')
     return page.replace("<pre>", '<pre tabindex="0">')
 

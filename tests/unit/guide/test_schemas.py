@@ -3,13 +3,15 @@
 import json
 import math
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from firmware_model.config.scenario import SCENARIOS
 from firmware_model.config.vehicle import VEHICLES
-from gustproof.guide.schemas import KINDS, attribute_docs, describe_keys, file_schema, write_schemas
+from gustproof.guide import schemas
+from gustproof.guide.schemas import KINDS, attribute_docs, describe_keys, write_schemas
 from gustproof.synthesis.designs import DESIGNS
 
 pytestmark = pytest.mark.plain
@@ -19,6 +21,9 @@ FILES = [
     *(("design", path) for path in sorted(DESIGNS.glob("*.toml"))),
 ]
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "number": (int, float), "integer": int}
+
+
+file_schema = cache(schemas.file_schema)
 
 
 def faults(value, schema, root, place="file"):

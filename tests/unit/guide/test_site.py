@@ -32,6 +32,8 @@ class Reader(HTMLParser):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("guide") / "site"
+    folder.mkdir()
+    (folder / "guide.css").write_text("", encoding="utf-8")
     result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open"])
     assert result.exit_code == 0, result.output
     assert result.output == f"{folder / 'tutorial.html'}\n"
@@ -79,8 +81,17 @@ def test_headings_landmarks_and_pictures_have_names(pages):
 def test_an_unknown_page_is_one_line(tmp_path):
     result = CliRunner().invoke(app, ["guide", "tutorail", "-o", str(tmp_path), "--no-open"])
     assert result.exit_code == 2
-    assert "no page named 'tutorail', there are index, tutorial" in result.stderr
+    assert "no page named 'tutorail', there are index, install, tutorial" in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_guide_replaces_no_other_files(folder, tmp_path):
+    assert (folder / "guide.css").stat().st_size > 1000  # in place of the one of a guide before
+    (tmp_path / "index.html").write_text("mine")
+    refused = CliRunner().invoke(app, ["guide", "-o", str(tmp_path), "--no-open"])
+    assert refused.exit_code == 2
+    assert "holds other files, and no guide to replace" in refused.stderr
+    assert (tmp_path / "index.html").read_text() == "mine"
 
 
 def test_markdown_is_rendered_without_raw_html():
