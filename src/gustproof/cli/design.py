@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, check_output, print_json, progress
+from gustproof.cli.options import AsJson, FigureData, FigureLook, check_output, print_json, progress
+from gustproof.report.figure_style import SUFFIXES, FigureStyle
 
 
 class Method(Enum):
@@ -43,6 +44,12 @@ def design(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Write the singular values here (.png, .pdf or .svg) [default: beside the law, as PNG]."),
+    ] = None,
+    style: FigureLook = FigureStyle.SCREEN,
+    data: FigureData = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve an H-infinity design, print its level, norm, order, margins and poles, and save the law.
@@ -51,11 +58,14 @@ def design(
 
     gustproof design D2 --gamma 0.25 -o my-law.json
 
+    gustproof design D2 --figure d2.pdf --style paper --data
+
     gustproof design D2 --method hinfstruct --order 6 -o reduced.json
 
     gustproof design R1 --inner my-px4.toml -o my-rates.json
     """
     from firmware_model.config.vehicle import load_vehicle
+    from gustproof.report.figure_style import figures_as
     from gustproof.report.laws import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
@@ -68,6 +78,7 @@ def design(
     if inner is not None and (order is not None or gamma is not None):
         raise ConfigError("--inner sets the level and the controller's order itself: give neither --gamma nor --order")
     check_output(output, ".json", "a law file")
+    check_output(figure, SUFFIXES, "a figure")
     wanted = load_design(name)
     if gamma is not None:
         wanted = replace(wanted, gamma=gamma)
@@ -82,13 +93,18 @@ def design(
             law, report = derive(wanted, airframe, solve=None if order is None else search)
     if output is not None:
         law.save(output)
-        save_design_figure(report, output.with_suffix(".png"))
+        figure = figure or output.with_suffix(".png")
+    if figure is not None:
+        with figures_as(style, data=data):
+            save_design_figure(report, figure)
     if as_json:
         print_json(report.to_dict())
     else:
         show(render_design(report))
         if output is not None:
-            print(f"law in {output}, singular values in {output.with_suffix('.png')}")
+            print(f"law in {output}, singular values in {figure}")
+        elif figure is not None:
+            print(f"singular values in {figure}")
 
 
 def _check_method(method: Method, order: int | None, gamma: float | None, backoff: float | None) -> None:
