@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, check_output, complete, print_json, progress, refuse_given
+from gustproof.cli.options import AsJson, FigureData, FigureLook, check_output, complete, print_json, progress, refuse_given
+from gustproof.report.figure_style import SUFFIXES, FigureStyle
 
 if TYPE_CHECKING:
     from gustproof.model.rotational import Envelope
@@ -90,6 +91,12 @@ def design(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law here (.json), its singular values beside it.")
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Write the singular values here (.png, .pdf or .svg) [default: beside the law, as PNG]."),
+    ] = None,
+    style: FigureLook = FigureStyle.SCREEN,
+    data: FigureData = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve a design, print its level, norm, checks, order, margins and poles, and save the law.
@@ -112,6 +119,8 @@ def design(
 
         gustproof design D2 --gamma 0.25 -o my-law.json
 
+        gustproof design D2 --figure d2.pdf --style paper --data
+
         gustproof design D2 --method hinfstruct --order 6 -o reduced.json
 
         gustproof design D2 --method ncfsyn --crossover 15 -o shaped.json
@@ -121,6 +130,7 @@ def design(
         gustproof design R1 --inner my-px4.toml -o my-rates.json
     """
     from firmware_model.config.vehicle import load_vehicle
+    from gustproof.report.figure_style import figures_as
     from gustproof.report.laws import render_design, save_design_figure
     from gustproof.report.terminal import show
     from gustproof.synthesis.derive import derive
@@ -132,6 +142,7 @@ def design(
     if inner is not None and gamma is not None:
         raise ConfigError("--inner sets the level itself: do not give --gamma")
     check_output(output, ".json", "a law file")
+    check_output(figure, SUFFIXES, "a figure")
     wanted = load_design(name)
     if gamma is not None:
         wanted = replace(wanted, gamma=gamma)
@@ -146,13 +157,18 @@ def design(
             law, report = derive(wanted, airframe, solve=solve)
     if output is not None:
         law.save(output)
-        save_design_figure(report, output.with_suffix(".png"))
+        figure = figure or output.with_suffix(".png")
+    if figure is not None:
+        with figures_as(style, data=data):
+            save_design_figure(report, figure)
     if as_json:
         print_json({**report.to_dict(), "method": method.value})
     else:
         show(render_design(report))
         if output is not None:
-            print(f"law in {output}, singular values in {output.with_suffix('.png')}")
+            print(f"law in {output}, singular values in {figure}")
+        elif figure is not None:
+            print(f"singular values in {figure}")
 
 
 def _choose_solver(
@@ -201,8 +217,8 @@ def _parse_envelope(options: dict[str, Any]) -> "Envelope | None":
 def _check_options(context: typer.Context, method: Method, gamma: float | None, backoff: float | None) -> None:
     if gamma is not None and backoff is not None:
         raise ConfigError("--gamma and --backoff both set the level: give one of them")
-    if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
-        raise ConfigError("--gamma must be above 0, --backoff above 1")
+    if (gamma is not None and not 0.0 < gamma < math.inf) or (backoff is not None and not backoff > 1.0):
+        raise ConfigError("--gamma must be above 0 and finite, --backoff above 1")
     foreign = sorted(option for option, methods in _OWN_OPTIONS.items() if method not in methods)
     refuse_given(context, foreign, f"--method {method.value} has no use for it")
     if method is Method.HINFSTRUCT and context.params["order"] is None:

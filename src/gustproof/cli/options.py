@@ -15,6 +15,7 @@ import typer
 
 from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
+from gustproof.report.figure_style import FigureStyle
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
@@ -66,6 +67,10 @@ Params = Annotated[
         show_default=False,
     ),
 ]
+FigureLook = Annotated[
+    FigureStyle, typer.Option("--style", help="screen, or paper: 3.5 inches wide, serif, for a column of a paper.")
+]
+FigureData = Annotated[bool, typer.Option("--data", help="Write the drawn numbers beside the figure (.csv).")]
 VehicleName = Annotated[
     str, typer.Option(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
 ]
@@ -77,8 +82,8 @@ def print_json(document: Any) -> None:
     print(json.dumps(document, indent=2))
 
 
-def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False) -> None:
-    """Refuse an output file with another suffix, in no folder or, if it must be `new`, one that exists.
+def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str, *, new: bool = False) -> None:
+    """Refuse an output file with none of the suffixes, in no folder or, if it must be `new`, one that exists.
 
     Raises
     ------
@@ -87,8 +92,9 @@ def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False
     """
     if path is None:
         return
-    if path.suffix != suffix:
-        raise ConfigError(f"{path}: {kind} ends in {suffix}")
+    suffixes = (suffix,) if isinstance(suffix, str) else suffix
+    if path.suffix not in suffixes:
+        raise ConfigError(f"{path}: {kind} ends in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path.parent}: no such folder")
     if new and path.exists():

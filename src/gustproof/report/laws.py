@@ -80,7 +80,7 @@ def render_design(report: DesignReport) -> Renderable:
 
 
 def save_design_figure(report: DesignReport, path: Path) -> None:
-    """Draw the singular values of a design as PNG."""
+    """Draw the singular values of a design."""
     from gustproof.report.figures import save_singular_values
 
     values = report.singular_values(_FREQUENCIES)

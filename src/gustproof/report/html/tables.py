@@ -8,7 +8,7 @@ from typing import Any
 from gustproof.analysis.analyse import pole_pairs
 from gustproof.law.form import Law
 from gustproof.report.html.loops import ReportLaw
-from gustproof.report.html.markup import render_table
+from gustproof.report.html.markup import render_chip, render_table
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.laws import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import FIGURES, figure_rows, format_number
@@ -67,14 +67,10 @@ def _render_tile(heading: str, lines: Iterable[str]) -> str:
 
 def _requirements_line(i: int, run: ReportRun) -> str:
     held, judged = (sum(getattr(each, name) for each in run.requirements) for name in ("is_met", "judged"))
-    mark = "good" if held == len(run.requirements) else "bad" if held < judged else "interval"
-    text = f"{held} of {len(run.requirements)} held" if run.requirements else "none"
-    return f'<li>{render_chip(i, run.label)}<strong class="{mark if run.requirements else "interval"}">{text}</strong></li>'
-
-
-def render_chip(i: int, label: str) -> str:
-    """Return a label beside the colour of its curves."""
-    return f'<span class="name"><i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(label)}</span>'
+    total = len(run.requirements)
+    mark = "bad" if held < judged else "good" if 0 < held == total else "interval"
+    text = f"{held} of {total} held" if total else "none"
+    return f'<li>{render_chip(i, run.label)}<strong class="{mark}">{text}</strong></li>'
 
 
 def render_flights(runs: Sequence[ReportRun]) -> str:
