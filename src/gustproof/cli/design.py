@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, FigureData, FigureLook, check_output, complete, print_json, progress, refuse_given
+from gustproof.cli.options import (
+    AsJson,
+    FigureData,
+    FigureLook,
+    check_output,
+    complete,
+    print_json,
+    progress,
+    refuse_given,
+)
 from gustproof.report.figure_style import SUFFIXES, FigureStyle
 
 if TYPE_CHECKING:

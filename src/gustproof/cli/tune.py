@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gustproof.cli.options import AsJson, FigureData, FigureLook, check_output, complete, print_json, progress, refuse_given
+from gustproof.cli.options import (
+    AsJson,
+    FigureData,
+    FigureLook,
+    check_output,
+    complete,
+    print_json,
+    progress,
+    refuse_given,
+)
 from gustproof.report.figure_style import SUFFIXES, FigureStyle, figures_as
 
 if TYPE_CHECKING:
