@@ -248,23 +248,27 @@ def _best_start(problem: _Problem, start: LinearSystem | None) -> tuple[Lti, MuS
     """Return the given controller, or the better one of those for all channels of Delta and for none of them."""
     candidates, failures = [], []
     if start is not None:
-        candidates.append((math.inf, as_continuous("start", start)))
+        candidates.append((math.inf, math.inf, as_continuous("start", start)))
     else:
         for part in (problem.plant.M, problem.plant.nominal_system()):
             try:
                 found = hinfsyn(part, problem.n_meas, problem.n_con, backoff=_BACKOFF)
-                candidates.append((found.gamma_opt, found.controller))
             except (DesignError, ValueError) as error:  # ValueError: no w or z without the channels of Delta
                 failures.append(str(error))
+                continue
+            # the norm over all channels is a bound of mu, with all scalings 1
+            known = found.norm if problem.measure == "mu" and part is problem.plant.M else math.inf
+            candidates.append((found.gamma_opt, known, found.controller))
     if not candidates:
         raise DesignError(failures[0])
-    bounds = [_upper_bound(close_loop(problem.plant, K), problem.measure) for _, K in candidates]
+    bounds = [min(known, _upper_bound(close_loop(problem.plant, K), problem.measure)) for _, known, K in candidates]
     best = int(np.argmin(bounds))
     if not math.isfinite(bounds[best]):
         raise DesignError(
-            f"no start has a finite bound of {problem.measure}: less uncertainty, or another start, may have one"
+            f"no start has a finite bound of {problem.measure}: take less uncertainty, or start from the controller "
+            "of measure 'mu'"
         )
-    level, controller = candidates[best]
+    level, _, controller = candidates[best]
     return controller, MuStep(level=level, upper=bounds[best], filter_orders=(), order=controller.order)
 
 

@@ -15,6 +15,7 @@ from gustproof.model.lft import Uncertain, append, close_loop, connect, ureal
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.model.uncertainty import FullBlock, RealBlock
 from gustproof.synthesis.designs import design_problem, load_design
+from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.mu import musyn as module
 from gustproof.synthesis.mu.minimum_phase import MinimumPhase, fit_factors, fit_least_order, is_positive_real
 from gustproof.synthesis.mu.musyn import musyn
@@ -35,7 +36,7 @@ def lag(gain_range: tuple[float, float] = (0.5, 1.5)) -> Uncertain:
 
 @pytest.mark.parametrize("measure", ["mu", "wcgain", "l2gain"])
 def test_bounds_bracket_and_the_history_falls(measure):
-    found = musyn(lag(), 1, 1, order=2, measure=measure, tolerance=0.3)
+    found = musyn(lag(), 1, 1, order=1, measure=measure, tolerance=0.5)
     uppers = [step.upper for step in found.history]
     assert len(uppers) > 1
     assert all(after < before for before, after in itertools.pairwise(uppers))
@@ -58,7 +59,9 @@ def test_a_linear_controller_of_design_d2_is_certified_over_an_envelope_where_th
     vehicle = load_vehicle("paper")
     problem = design_problem(design, vehicle)
     airframe = uncertain_airframe(rotation(vehicle.inertia_B, envelope), leak=design.leak, rate_damping=0.05)
-    found = musyn(connect(problem, {"airframe": airframe}), 3, 3, measure="l2gain", tolerance=0.5)
+    nominal = hinfsyn(problem.plant(), 3, 3, gamma=design.gamma).controller
+    found = musyn(connect(problem, {"airframe": airframe}), 3, 3, measure="l2gain", tolerance=0.5, start=nominal)
+    assert found.history[0].upper == pytest.approx(7.667, abs=0.001)
     assert found.order == 9
     certificate = certify_gain(problem, found.controller, angle=0.3, rate=0.5, level=1.1)
     assert certificate.proven
