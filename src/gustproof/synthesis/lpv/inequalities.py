@@ -41,14 +41,23 @@ class Plant:
     """A generalised plant at one point, parted."""
 
     A: Matrix
+    """(n, n) state to derivative."""
     B1: Matrix
+    """(n, m1) w to derivative."""
     B2: Matrix
+    """(n, m2) u to derivative."""
     C1: Matrix
+    """(p1, n) state to z."""
     C2: Matrix
+    """(p2, n) state to y."""
     D11: Matrix
+    """(p1, m1) w to z."""
     D12: Matrix
+    """(p1, m2) u to z."""
     D21: Matrix
+    """(p2, m1) w to y."""
     D22: Matrix
+    """(p2, m2) u to y."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,13 +65,19 @@ class LyapunovMatrices:
     """Coefficients of X and Y, and scalings of the blocks of Delta."""
 
     X: tuple[Matrix, ...]
+    """(n, n) for each function of the filter's basis."""
     Y: tuple[Matrix, ...]
+    """(n, n) for each function of the control's basis."""
     L: tuple[Matrix, ...]
+    """(k, k) for each block, of the filter's side."""
     J: tuple[Matrix, ...]
+    """(k, k) for each block, of the control's side."""
     filter_basis: Functions
+    """Basis functions of X."""
     control_basis: Functions
+    """Basis functions of Y."""
     steps: Point
-    """Steps of the derivatives by each parameter."""
+    """[as the parameters] steps of the derivatives."""
 
     def at(self, rho: Point) -> tuple[Matrix, Matrix]:
         """Return X and Y at a point."""

@@ -66,6 +66,7 @@ class ScheduledController(CheckedController):
     controllers: tuple[Lti, ...]
     """The controller at each point, all in the same states, for speeds of 0."""
     _at: Callable[[Point, Point], Lti]
+    """The controller's formula, by a point and speeds."""
 
     def at(self, rho: Sequence[float], speed: Sequence[float] | None = None) -> Lti:
         """Return the controller at any point within the grid, by its own formula and the plant there.
@@ -179,10 +180,9 @@ def lpvsyn(
     """
     if not (np.isfinite(backoff) and backoff > 1.0):
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
-    is_lft = isinstance(grid, Uncertain)
-    if is_lft and (speeds is not None or basis is not None or speeds_measured or plant is not None):
+    if isinstance(grid, Uncertain) and (speeds, basis, speeds_measured, plant) != (None, None, False, None):
         raise ValueError("an LFT takes no speeds, basis or plant: its parameters change at any speed")
-    if speeds is None and (basis is not None or speeds_measured):
+    if speeds is None and (basis, speeds_measured) != (None, False):
         raise ValueError("a basis, or measured speeds, need bounds on the speeds")
     try:
         if isinstance(grid, Uncertain):
@@ -217,13 +217,17 @@ def _models(grid: Mapping[Point, LinearSystem], n_meas: int, n_con: int) -> dict
     shapes = {(P.order, P.D.shape) for P in models.values()}
     if len(shapes) > 1:
         raise ValueError(f"the plants of the grid differ in states, inputs or outputs: {sorted(shapes)}")
-    p, m = next(iter(models.values())).D.shape
-    if not (0 < n_meas < p and 0 < n_con < m):
-        raise ValueError(f"{n_meas} measurements and {n_con} controls do not fit plants of {p} outputs and {m} inputs")
+    _check_sizes(next(iter(models.values())).D.shape, n_meas, n_con)
     ordered = list(product(*(sorted(set(values)) for values in zip(*models, strict=True))))
     if set(ordered) != set(models):
         raise ValueError(f"the grid has {len(models)} points, the product of its parameters' values has {len(ordered)}")
     return {rho: models[rho] for rho in ordered}
+
+
+def _check_sizes(shape: tuple[int, ...], n_meas: int, n_con: int) -> None:
+    p, m = shape
+    if not (0 < n_meas < p and 0 < n_con < m):
+        raise ValueError(f"{n_meas} measurements and {n_con} controls do not fit a plant of {p} outputs and {m} inputs")
 
 
 class _GridDesign:
@@ -335,11 +339,7 @@ def _lft_controller(P: Uncertain, n_meas: int, n_con: int, backoff: float) -> Lf
     blocks = tuple(block for block in P.blocks if isinstance(block, RealBlock))
     if not blocks or len(blocks) != len(P.blocks):
         raise ValueError("the LFT needs real parameters, and no other blocks")
-    if not (0 < n_meas < P.n_outputs and 0 < n_con < P.n_inputs):
-        raise ValueError(
-            f"{n_meas} measurements and {n_con} controls do not fit a plant of {P.n_outputs} outputs and "
-            f"{P.n_inputs} inputs"
-        )
+    _check_sizes((P.n_outputs, P.n_inputs), n_meas, n_con)
     repeats = [block.repeats for block in blocks]
     parts = part(P.M, n_meas, n_con)
     T = first_scales([parts])
