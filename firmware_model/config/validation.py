@@ -94,7 +94,7 @@ def _format_error(kind: Any, item: Any) -> str:
 
 
 def _format_value(kind: Any, key: str, item: Any) -> str:
-    """Return the error of a value that is not allowed; without `key`, of a whole table, whose message names the keys."""
+    """Return the error of a value that is not allowed; without `key` it is of a whole table, and names keys itself."""
     message = str(item["ctx"]["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
     if isinstance(item["input"], float) and not math.isfinite(item["input"]):
         message = "must be a finite number"

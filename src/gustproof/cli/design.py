@@ -1,5 +1,6 @@
 """The command `gustproof design`: from weights to a law file."""
 
+import math
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -104,8 +105,8 @@ def design(
 def _check_method(method: Method, order: int | None, gamma: float | None, backoff: float | None) -> None:
     if gamma is not None and backoff is not None:
         raise ConfigError("--gamma and --backoff both set the level: give one of them")
-    if (gamma is not None and not gamma > 0.0) or (backoff is not None and not backoff > 1.0):
-        raise ConfigError("--gamma must be above 0, --backoff above 1")
+    if (gamma is not None and not 0.0 < gamma < math.inf) or (backoff is not None and not backoff > 1.0):
+        raise ConfigError("--gamma must be above 0 and finite, --backoff above 1")
     if (method is Method.HINFSTRUCT) != (order is not None):
         raise ConfigError("--method hinfstruct and --order go together")
     if method is Method.HINFSTRUCT and (gamma is not None or backoff is not None):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
@@ -128,7 +129,7 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from gustproof.recording.folder import make_run_folder
+    from gustproof.recording.folder import make_run_folder, remove_unused
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
@@ -150,6 +151,9 @@ def fly(
     folder = make_run_folder(out, "fly")
     try:
         result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
+    except ConfigError:
+        remove_unused(folder)
+        raise
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
@@ -229,7 +233,6 @@ def load_script(scenario: str | None, *, free: bool) -> "Scenario":
     from dataclasses import replace
 
     from firmware_model.config.scenario import load_scenario
-    from firmware_model.errors import ConfigError
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -251,7 +254,6 @@ def _find_pilot(
 ) -> "tuple[Pilot, Vehicle]":
     """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
-    from firmware_model.errors import ConfigError
     from gustproof.entries.entry import parse_entry
     from gustproof.simulate.flight import check
 

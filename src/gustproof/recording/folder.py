@@ -1,5 +1,6 @@
 """Folders of runs; no run overwrites another."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from firmware_model.config.files import naming
@@ -31,6 +32,14 @@ def make_run_folder(out: Path | None, name: str) -> Path:
             number += 1
         else:
             return folder
+
+
+def remove_unused(folder: Path) -> None:
+    """Remove a run's folder in which nothing was written, and the folder of runs if it was the only one."""
+    with suppress(OSError):  # not empty
+        folder.rmdir()
+        if folder.parent == RUNS:
+            RUNS.rmdir()
 
 
 def write_atomic(path: Path, text: str) -> None:
