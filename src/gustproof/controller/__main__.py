@@ -85,6 +85,8 @@ def _read_scenario(options: argparse.Namespace) -> Scenario | None:
 
 def _fly(law: Flown, options: argparse.Namespace) -> int:
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
+    if options.connect != "-":
+        connection.parse_target(options.connect)  # refused before anything is compiled
     if is_cold():
         report("compiling, once after an installation")
     if isinstance(law, Law):  # load or compile the machine code before the flight

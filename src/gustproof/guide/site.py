@@ -84,7 +84,7 @@ class Page(NamedTuple):
 
 
 def page_names() -> list[str]:
-    """Return the names of all pages in the order of the contents; a page that is neither made nor a file is left out."""
+    """Return the names of all pages in the order of the contents; what is neither made nor a file is left out."""
     names = [name for names in SECTIONS.values() for name in names]
     return [name for name in names if name in {*MADE, "options"} or (GUIDE / f"{name}.md").is_file()]
 

@@ -21,6 +21,7 @@ from firmware_model.guest import ardupilot_process, betaflight_process, px4_proc
 from firmware_model.numerics.compiled import find_cache
 from firmware_model.process import realtime, udp
 from firmware_model.sim.step import advance
+from firmware_model.sim.vehicle_loop import is_cold as is_cold
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import FlightPlan, first_difference_s
@@ -164,12 +165,6 @@ def check_flight() -> Check:
         advice = "report it with the versions above: results of this machine differ between routes"
         return Check("test flight", Status.FAULT, f"{found}, not the bits of the flight without messages", advice)
     return Check("test flight", Status.OK, f"{found}, the same bits as without messages")
-
-
-def is_cold() -> bool:
-    """Return whether the first flight still has to be compiled."""
-    found = find_cache(advance)
-    return found is not None and not found[1]
 
 
 CHECKS: tuple[tuple[str, Callable[[], list[Check]]], ...] = (

@@ -8,9 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from firmware_model.process import realtime, udp
+from firmware_model.sim import vehicle_loop
 from gustproof.cli import options
 from gustproof.cli.app import app
 from gustproof.cli.options import progress, working
+from gustproof.law import step
 from gustproof.simulate import checkup
 from gustproof.simulate.checkup import Check, Status, check_folder, check_port, check_real_time
 
@@ -84,7 +86,6 @@ def test_without_machine_code_the_cache_is_told(monkeypatch, tmp_path):
     assert "NUMBA_CACHE_DIR" in checkup.check_cache().advice
     monkeypatch.setattr(checkup, "find_cache", lambda _: (tmp_path / "new", False))
     assert checkup.check_cache().found.endswith("cold, so the first flight compiles")
-    assert checkup.is_cold()
     monkeypatch.setattr(checkup, "find_cache", lambda _: (tmp_path, True))
     assert checkup.check_cache().found == f"{tmp_path}: warm"
     monkeypatch.setattr(checkup.os, "access", lambda *_: False)
@@ -141,3 +142,10 @@ def test_short_work_is_silent(capsys):
     with working("proving", quiet=False):
         pass
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("found", "cold"), [(None, False), ((Path(), True), False), ((Path(), False), True)])
+def test_what_is_compiled_first_is_told(found, cold, monkeypatch):
+    monkeypatch.setattr(step, "find_cache", lambda _: found)
+    monkeypatch.setattr(vehicle_loop, "find_cache", lambda _: found)
+    assert step.is_cold() is checkup.is_cold() is cold

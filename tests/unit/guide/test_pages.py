@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[3]
 GUIDE = Path(str(files("gustproof.guide")))
 PAGES = {"README": ROOT / "README.md", **{path.stem: path for path in sorted(GUIDE.glob("*.md"))}}
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
-OTHER_PROGRAMS = {"gcc", "mavproxy.py", "pip", "python", "tools/bench", "tools/demo", "tools/test"}
+OTHER_PROGRAMS = {".venv/bin/pip", "gcc", "mavproxy.py", "pip", "python", "tools/bench", "tools/demo", "tools/test"}
 LAW_FILES = (".json", ".mat", ".params", ".param")
 
 

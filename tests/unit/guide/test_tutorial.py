@@ -15,6 +15,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
 from gustproof.guide.drawings import WORST_MOMENT, draw_pictures, fly_both, tilt_deg
 from gustproof.law.form import load_law
+from gustproof.scoring.metrics import measure
 
 pytestmark = pytest.mark.compiled
 GUIDE = Path(str(files("gustproof.guide")))
@@ -86,13 +87,18 @@ def test_the_pictures_are_drawn_small(tmp_path: Path) -> None:
     assert all(path.stat().st_size < 150_000 for path in drawn)
 
 
-def test_the_readme_figures_are_those_of_the_picture() -> None:
-    flights = fly_both(load_scenario(WORST_MOMENT), load_vehicle("paper"))
+def test_the_readme_figures_beside_the_paper_are_flown() -> None:
+    vehicle, readme = load_vehicle("paper"), (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    flights = fly_both(load_scenario(WORST_MOMENT), vehicle)
     paper, ours = (float(tilt_deg(flights[law]).max()) for law in ("hinf-d1", "flagship"))
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
     assert f"tilt {ours:.0f}° instead of {paper:.0f}°" in readme
     assert "stays within 1° of level" in readme
     assert ours < 1.0
+    scenario = load_scenario("paper-turbulence")
+    flights = fly_both(scenario, vehicle)
+    d1, flagship = (measure(flights[law], vehicle, scenario, 0.0) for law in ("hinf-d1", "flagship"))
+    assert f"error {flagship.rmse_deg:.2f}° instead of {d1.rmse_deg:.1f}°".replace(" 0.", " .") in readme
+    assert f"slew {d1.torque_slew_rms:.1f} instead of {flagship.torque_slew_rms:.0f} N m/s" in readme
 
 
 def test_the_moment_of_the_picture_is_within_the_budget_of_the_paper() -> None:
