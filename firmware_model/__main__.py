@@ -100,8 +100,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
         signal.signal(signal.SIGINT, lambda *_: endpoint.interrupt())
         signal.signal(signal.SIGTERM, lambda *_: endpoint.interrupt())
         # Load or compile the machine code before a peer waits for it.
-        if interactive and not options.json and is_cold():
-            print("compiling, once after an installation", file=sys.stderr, flush=True)
+        _tell_compiling(silent=options.json or not interactive)
         VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
@@ -113,6 +112,11 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
     facts = summarize(endpoint, None if interactive else scenario.samples, fifo=fifo)
     _print_facts(options, facts, status_line.format_summary(facts))
     return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED)
+
+
+def _tell_compiling(*, silent: bool) -> None:
+    if not silent and is_cold():
+        print("compiling, once after an installation", file=sys.stderr, flush=True)
 
 
 def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:

@@ -129,7 +129,7 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from gustproof.recording.folder import make_run_folder, remove_unused
+    from gustproof.recording.folder import make_run_folder, unless_refused
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
@@ -150,10 +150,8 @@ def fly(
         plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
-        result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
-    except ConfigError:
-        remove_unused(folder)
-        raise
+        with unless_refused(folder):
+            result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise

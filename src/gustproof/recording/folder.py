@@ -1,6 +1,7 @@
 """Folders of runs; no run overwrites another."""
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from firmware_model.config.files import naming
@@ -34,12 +35,17 @@ def make_run_folder(out: Path | None, name: str) -> Path:
             return folder
 
 
-def remove_unused(folder: Path) -> None:
-    """Remove a run's folder in which nothing was written, and the folder of runs if it was the only one."""
-    with suppress(OSError):  # not empty
-        folder.rmdir()
-        if folder.parent == RUNS:
-            RUNS.rmdir()
+@contextmanager
+def unless_refused(folder: Path) -> Iterator[None]:
+    """Remove a run's folder if its flight is refused and left nothing there, and an empty folder of runs."""
+    try:
+        yield
+    except ConfigError:
+        with suppress(OSError):  # not empty
+            folder.rmdir()
+            if folder.parent == RUNS:
+                RUNS.rmdir()
+        raise
 
 
 def write_atomic(path: Path, text: str) -> None:

@@ -176,7 +176,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
-        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only; this one commands rates"),
+        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only; this one has no airframe"),
         (("hinf-reference", *ENVELOPE), "design reference: certify supports designs that hold level only"),
         (("hinf-d2", "--horizon", "-1"), "horizon is -1.0 s, must be positive"),
         (("hinf-d2", "--horizon", "1e9"), "horizon is 1000000000.0 s, must be positive, at most 1000000 s"),

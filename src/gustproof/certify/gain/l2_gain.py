@@ -377,7 +377,7 @@ def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]
     """Return leak [1/s], damping [1/s] and inertia [kg*m^2] by axis, of the diagram's airframe of states (E, omega)."""
     bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
-        raise ValueError("certify supports torque designs only; this one commands rates")
+        raise ValueError("certify supports torque designs only; this one has no airframe, as those that command rates")
     if "reference" in problem.y:
         raise ValueError("certify supports designs that hold level only: this one has a reference, W_r")
     A: Matrix = bodies[0].A
