@@ -11,8 +11,8 @@ from gustproof.lti.state_space import Lti, Matrix
 def bilinear(G: Lti, a: float, b: float, c: float, d: float, *, dt: float) -> Lti:
     """Return `G` with its variable replaced by `(a q + b) / (c q + d)`, as a system of sample time `dt` [s] in q.
 
-    It moves the axis as well: `(a, b, c, d) = (1, shift, 0, 1)` and `dt = 0` give `G(q + shift)`, whose H-infinity
-    problem asks for poles of the loop below `-shift`; `a = r` alone in discrete time asks for poles within radius r.
+    It moves the axis as well. `(1, -shift, 0, 1)` and `dt = 0` give `G(q - shift)`: a controller of that plant puts the
+    poles of the loop with `G` below `-shift`. `(r, 0, 0, 1)` does the same for the radius r in discrete time.
 
     Raises
     ------

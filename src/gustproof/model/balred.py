@@ -35,7 +35,7 @@ class ReducedSystem:
 
     Examples
     --------
-    >>> from control import tf, ss
+    >>> from control import ss, tf
     >>> from gustproof import balred
     >>> result = balred(ss(tf([1, 11], [1, 11, 10])), 1)
     >>> result.system.order, result.error <= result.bound
@@ -98,7 +98,7 @@ def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.T
     >>> G = ss([[-1.0, 0.1], [0.0, -50.0]], [[1.0], [1.0]], [[1.0, 1.0]], 0.0)
     >>> result = balred(G, 1, method="match")
     >>> f"error {result.error:.3f}, at most {result.bound:.3f}"
-    'error 0.020, at most 0.020'
+    'error 0.018, at most 0.018'
     """
     system, how = as_lti(G), _method(method)
     stable, rest = _split(system)

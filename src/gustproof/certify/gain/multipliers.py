@@ -156,14 +156,15 @@ def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
     return minimize(cost, np.vstack(parts), bounds)
 
 
-def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix], *, equilibrate: bool = True) -> Matrix:
+def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix], **options: float) -> Matrix:
     """Return the solver's x of least `cost` x with each block of `rows` x below its symmetric bound.
 
-    `rows` stacks the blocks of all bounds, each in the form of `svec`. The solver rescales them unless told not to.
+    `rows` stacks the blocks of all bounds, each in the form of `svec`; `options` are the solver's own.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.equilibrate_enable = equilibrate
+    for name, value in options.items():
+        setattr(settings, name, value)
     quadratic = scipy.sparse.csc_matrix((cost.size, cost.size))
     limits = np.concatenate([svec(bound) for bound in bounds])
     cones = [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds]

@@ -80,7 +80,7 @@ def gapmetric(G1: LinearSystem, G2: LinearSystem) -> Gap:
 
 
 def _winds_zero_times(first: CoprimeFactors, second: CoprimeFactors) -> bool:
-    """Return whether `det(graph2~ graph1)` has no zero on the axis and winds 0 times about 0.
+    """Return True if `det(graph2~ graph1)` has no zero on the axis and winds 0 times about 0.
 
     Its poles outside are those of `graph2~`, one for each state. So it needs as many zeros outside.
     """

@@ -63,8 +63,8 @@ def ncfsyn(
     ValueError
         If `backoff` is not above 1, or sizes or sample times do not fit.
     DesignError
-        If the shaped plant has no coprime factors, as with a zero of a weight on a pole of the plant on the axis, or
-        rounding spoilt the controller.
+        If the shaped plant has no coprime factors, as when a weight cancels a pole on the axis. If rounding spoilt the
+        controller.
 
     References
     ----------

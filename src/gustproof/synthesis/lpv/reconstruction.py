@@ -5,7 +5,7 @@ import numpy as np
 from gustproof.certify.gain.multipliers import least_level
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, Matrix, lft
-from gustproof.synthesis.lpv.grid_inequalities import LyapunovMatrices, Plant, Point
+from gustproof.synthesis.lpv.inequalities import LyapunovMatrices, Plant, Point
 
 _FULL_RANK = 1e-10
 """[-] relative size of the least singular value of D12 or D21 from which it counts as of full rank."""
@@ -86,31 +86,31 @@ def _without_feedthrough(K: Lti, D22: Matrix) -> Lti:
     return lft(reading, Lti(A=np.zeros((0, 0)), B=np.zeros((0, m)), C=np.zeros((p, 0)), D=-D22))
 
 
-def lyapunov_matrix(matrices: LyapunovMatrices, rho: Point) -> Matrix:
-    """Return the closed loop's matrix, states of plant and controller."""
-    X, Y = matrices.at(rho)
+def lyapunov_matrix(matrices: LyapunovMatrices, rho: Point, drho: Point) -> tuple[Matrix, Matrix]:
+    """Return the closed loop's matrix, of the states of plant and controller, and its derivative by time."""
+    (X, Y), (dX, dY) = matrices.at(rho), matrices.speed(rho, drho)
     n = len(X)
     identity, zero = np.eye(n), np.zeros((n, n))
-    right = np.block([[Y, identity], [identity - X @ Y, zero]])
-    P = np.block([[identity, X], [zero, identity]]) @ np.linalg.inv(right)
-    return np.asarray(0.5 * (P + P.T))
+    inverse = np.linalg.inv(np.block([[Y, identity], [identity - X @ Y, zero]]))
+    P = np.block([[identity, X], [zero, identity]]) @ inverse
+    turning = np.block([[dY, zero], [-dX @ Y - X @ dY, zero]])
+    dP = (np.block([[zero, dX], [zero, zero]]) - P @ turning) @ inverse
+    return np.asarray(0.5 * (P + P.T)), np.asarray(0.5 * (dP + dP.T))
 
 
-def proven_level(loop: Lti, matrices: LyapunovMatrices, rho: Point, drho: Point) -> float:
-    """Return the least level for which the loop's dissipation inequality holds at a point and speeds; or infinity."""
-    P = lyapunov_matrix(matrices, rho)
+def proven_level(loop: Lti, matrices: LyapunovMatrices, rho: Point, drho: Point, level: float) -> float:
+    """Return the least gain for which the loop's dissipation inequality holds at a point and speeds; or infinity.
+
+    Its storage is the Lyapunov matrix of the design, which belongs to `level`.
+    """
+    P, dP = (level * matrix for matrix in lyapunov_matrix(matrices, rho, drho))
     if np.linalg.eigvalsh(P)[0] <= 0.0:
         return np.inf
-    change = np.zeros_like(P)
-    for k, (speed, step) in enumerate(zip(drho, matrices.steps, strict=True)):
-        if speed:
-            ahead, behind = ((*rho[:k], rho[k] + sign * step, *rho[k + 1 :]) for sign in (1.0, -1.0))
-            change += speed * (lyapunov_matrix(matrices, ahead) - lyapunov_matrix(matrices, behind)) / (2.0 * step)
     # in the coordinates where P is 1 the inequality is well scaled
     root = np.linalg.cholesky(P).T
     inverse = np.linalg.inv(root)
     A, B, C = root @ loop.A @ inverse, root @ loop.B, loop.C @ inverse
-    corner = A + A.T + inverse.T @ change @ inverse + C.T @ C
+    corner = A + A.T + inverse.T @ dP @ inverse + C.T @ C
     cross = B + C.T @ loop.D
-    level = least_level(np.block([[corner, cross], [cross.T, loop.D.T @ loop.D]]), loop.n_inputs)
-    return np.inf if level is None else level
+    found = least_level(np.block([[corner, cross], [cross.T, loop.D.T @ loop.D]]), loop.n_inputs)
+    return np.inf if found is None else found

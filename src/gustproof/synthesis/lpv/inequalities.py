@@ -1,11 +1,12 @@
-"""Linear matrix inequalities of gridded LPV synthesis: Lyapunov matrices that depend on the parameters.
+"""Linear matrix inequalities of LPV synthesis, gridded and with scalings of an LFT.
 
-With the controller eliminated, a plant has two inequalities at each grid point and each corner of the speeds: of a
-filter matrix X(rho) and of a control matrix Y(rho), `X = sum_k f_k(rho) X_k`, and `[X, I; I, Y] >= 0`.
+The controller is eliminated. A plant then has two inequalities at each grid point and each corner of the speeds. They
+are those of a filter matrix X(rho) and of a control matrix Y(rho), with `[X, I; I, Y] >= 0`. Each is a sum of basis
+functions of rho times constant matrices. Channels of Delta add scalings L and J with `[L, I; I, J] >= 0`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -20,6 +21,12 @@ _STRICTNESS = 1e-7
 """[-] margin of each inequality, in balanced states."""
 _TOLERANCE = 1e-4
 """[-] largest excess of an inequality, relative to the level, with which the solver's matrices are of use."""
+_OPTIONS: tuple[dict[str, float], ...] = (
+    {"equilibrate_enable": False},
+    {"static_regularization_constant": 1e-7},
+    {"chordal_decomposition_enable": False},
+)
+"""Options of the solver that are tried in turn: none suits all problems."""
 _STEP = 1e-6
 """[-] step of central differences, relative to the range of a parameter."""
 
@@ -46,10 +53,12 @@ class Plant:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LyapunovMatrices:
-    """Coefficients of X and Y."""
+    """Coefficients of X and Y, and scalings of the blocks of Delta."""
 
     X: tuple[Matrix, ...]
     Y: tuple[Matrix, ...]
+    L: tuple[Matrix, ...]
+    J: tuple[Matrix, ...]
     filter_basis: Functions
     control_basis: Functions
     steps: Point
@@ -115,19 +124,30 @@ def steps_of(points: Sequence[Point]) -> Point:
     return tuple(_STEP * float(extent or 1.0) for extent in ranges)
 
 
-class GridInequalities:
-    """The inequalities of all points; unknowns are the coefficients of X, of Y, and the level or a margin, last."""
+class Inequalities:
+    """The inequalities of all points; unknowns are X, Y, L, J and the level or a margin, last.
+
+    The first channels of w and z are those of Delta, as many as `repeats` add up to.
+    """
 
     def __init__(
-        self, plants: dict[Point, Plant], filter_basis: Functions, control_basis: Functions, speeds: Point | None
+        self,
+        plants: dict[Point, Plant],
+        filter_basis: Functions,
+        control_basis: Functions,
+        speeds: Point | None = None,
+        repeats: Sequence[int] = (),
     ) -> None:
-        self.points = list(plants)
+        self.points, self.repeats = list(plants), list(repeats)
         self.n = next(iter(plants.values())).A.shape[0]
         self.bases = filter_basis, control_basis
         self.counts = tuple(len(functions(self.points[0])) for functions in self.bases)
         self.steps = steps_of(self.points)
         self.stack = np.array(symmetric_basis(self.n, skew=False))
-        self.size = sum(self.counts) * len(self.stack) + 1
+        self.scalings = [np.array(symmetric_basis(k, skew=False)) for k in self.repeats]
+        self.before = sum(self.counts) * len(self.stack)
+        self.width = sum(map(len, self.scalings))
+        self.size = self.before + 2 * self.width + 1
         self.rows: list[Matrix] = []
         self.constants: list[Matrix] = []
         for rho, plant in plants.items():
@@ -144,7 +164,9 @@ class GridInequalities:
         if is_control:
             A, B, C, D, changes = A.T, C.T, B.T, D.T, -changes
             seen = np.hstack([plant.B2.T, plant.D12.T])
-        n, m, p = self.n, B.shape[1], C.shape[0]
+        r, n, m = sum(self.repeats), self.n, B.shape[1]
+        q, C, D = np.hstack([C[:r], D[:r]]), C[r:], D[r:]
+        p = C.shape[0]
         N = scipy.linalg.block_diag(scipy.linalg.null_space(seen), np.eye(p))
         coefficients = np.zeros((self.size, N.shape[1], N.shape[1]))
         still = np.zeros((len(self.stack), n + m + p, n + m + p))
@@ -159,14 +181,22 @@ class GridInequalities:
         for k, (value, change) in enumerate(zip(values, changes, strict=True)):
             at = slice(start + k * len(self.stack), start + (k + 1) * len(self.stack))
             coefficients[at] = value * still + change * moving
-        coefficients[-1] = N.T @ scipy.linalg.block_diag(np.zeros((n, n)), -np.eye(m + p)) @ N
+        first, start = 0, self.before + is_control * self.width
+        into = np.eye(n + m + p)
+        for repeats, scaling in zip(self.repeats, self.scalings, strict=True):
+            z, w = np.zeros((repeats, n + m + p)), into[n + first : n + first + repeats]
+            z[:, : n + m] = q[first : first + repeats]
+            z, w = z @ N, w @ N
+            coefficients[start : start + len(scaling)] = z.T @ scaling @ z - w.T @ scaling @ w
+            first, start = first + repeats, start + len(scaling)
+        coefficients[-1] = N.T @ scipy.linalg.block_diag(np.zeros((n + r, n + r)), -np.eye(m - r + p)) @ N
         constant = np.zeros((n + m + p, n + m + p))
         constant[:n, n + m :], constant[n : n + m, n + m :] = C.T, D.T
         self.rows.append(coefficients)
         self.constants.append(np.asarray(N.T @ (constant + constant.T) @ N))
 
-    def least_level(self) -> tuple[float, LyapunovMatrices]:
-        """Return the least level for which the solver finds matrices, and these.
+    def least_level(self, *, tried: int = len(_OPTIONS)) -> tuple[float, LyapunovMatrices]:
+        """Return the least level for which the solver finds matrices, and these; best of `tried` options of it.
 
         Raises
         ------
@@ -176,20 +206,21 @@ class GridInequalities:
         cost = np.zeros(self.size)
         cost[-1] = 1.0
         rows, bounds = self._inequalities(1.0)
-        unknowns = minimize(cost, np.vstack(rows), bounds, equilibrate=False)
-        if not np.isfinite(unknowns).all() or _excess(unknowns, rows, bounds) > _TOLERANCE * max(1.0, unknowns[-1]):
-            raise DesignError("no scheduled controller: the inequalities have no solution on this grid")
+        unknowns = _solve(cost, rows, bounds, tried)
         return float(unknowns[-1]), self._split(unknowns)
 
     def matrices(self, level: float, spread: float) -> LyapunovMatrices:
-        """Return small matrices at a level, with `[X, spread I; spread I, Y] >= 0` so that `I - X Y` is regular."""
+        """Return the matrices of the widest margin at a level, with `[X, spread I; spread I, Y] >= 0`.
+
+        `I - X Y` is then regular.
+        """
         rows, bounds = self._inequalities(spread)
         for k, block in enumerate(self.rows):
             bounds[k] = bounds[k] - level * block[-1]
-        rows = [np.hstack([row[:, :-1], np.zeros((len(row), 1))]) for row in rows]
-        diagonal = svec(np.eye(2 * self.n)) > 0.0
-        cost = sum((-row[diagonal].sum(axis=0) for row in rows[len(self.rows) :]), np.zeros(self.size))
-        return self._split(minimize(cost / np.abs(cost).max(), np.vstack(rows), bounds, equilibrate=False))
+            rows[k][:, -1] = svec(np.eye(len(bounds[k])))
+        cost = np.zeros(self.size)
+        cost[-1] = -1.0
+        return self._split(_solve(cost, rows, bounds, 1))
 
     def _inequalities(self, spread: float) -> tuple[list[Matrix], list[Matrix]]:
         """Return rows and bounds of every inequality, with its margin."""
@@ -199,42 +230,68 @@ class GridInequalities:
         return rows, [bound - _STRICTNESS * np.eye(len(bound)) for bound in bounds]
 
     def _coupling(self, spread: float) -> list[tuple[Matrix, Matrix]]:
-        """Return rows and bounds of `[X, spread I; spread I, Y] >= 0` at each point."""
-        n, found, seen = self.n, [], set()
+        """Return rows and bounds of `[X, spread I; spread I, Y] >= 0` at each point, and the same of each L and J."""
+        found, seen = [], set()
         for rho in self.points:
             values = [tuple(functions(rho)) for functions in self.bases]
-            if tuple(values) in seen:
-                continue
-            seen.add(tuple(values))
-            coefficients = np.zeros((self.size, 2 * n, 2 * n))
-            start = 0
-            for side, own in enumerate(values):
-                block = slice(side * n, (side + 1) * n)
-                for value in own:
-                    coefficients[start : start + len(self.stack), block, block] = -value * self.stack
-                    start += len(self.stack)
-            bound = np.zeros((2 * n, 2 * n))
-            bound[:n, n:] = bound[n:, :n] = spread * np.eye(n)
-            found.append((_columns(coefficients), bound))
+            if tuple(values) not in seen:
+                seen.add(tuple(values))
+                starts = (0, self.counts[0] * len(self.stack))
+                found.append(self._couple(self.stack, values, starts, spread))
+        start = self.before
+        for scaling in self.scalings:
+            found.append(self._couple(scaling, [(1.0,), (1.0,)], (start, start + self.width), spread))
+            start += len(scaling)
         return found
+
+    def _couple(
+        self, stack: Matrix, values: Sequence[Sequence[float]], starts: tuple[int, int], spread: float
+    ) -> tuple[Matrix, Matrix]:
+        n = stack.shape[1]
+        coefficients = np.zeros((self.size, 2 * n, 2 * n))
+        for side, own in enumerate(values):
+            block = slice(side * n, (side + 1) * n)
+            for k, value in enumerate(own):
+                at = starts[side] + k * len(stack)
+                coefficients[at : at + len(stack), block, block] = -value * stack
+        bound = np.zeros((2 * n, 2 * n))
+        bound[:n, n:] = bound[n:, :n] = spread * np.eye(n)
+        return _columns(coefficients), bound
 
     def _split(self, unknowns: Matrix) -> LyapunovMatrices:
         """Return the matrices of a vector of unknowns."""
-        d = len(self.stack)
-        found = [np.tensordot(unknowns[k * d : (k + 1) * d], self.stack, axes=1) for k in range(sum(self.counts))]
+        values = iter(unknowns[: self.before].reshape(-1, len(self.stack)))
+        found = [np.tensordot(value, self.stack, axes=1) for value in values]
+        scalings, start = [], self.before
+        for scaling in [*self.scalings, *self.scalings]:
+            scalings.append(np.tensordot(unknowns[start : start + len(scaling)], scaling, axes=1))
+            start += len(scaling)
         return LyapunovMatrices(
             X=tuple(found[: self.counts[0]]),
             Y=tuple(found[self.counts[0] :]),
+            L=tuple(scalings[: len(self.repeats)]),
+            J=tuple(scalings[len(self.repeats) :]),
             filter_basis=self.bases[0],
             control_basis=self.bases[1],
             steps=self.steps,
         )
 
 
-def _excess(unknowns: Matrix, rows: Sequence[Matrix], bounds: Sequence[Matrix]) -> float:
-    """Return the largest eigenvalue by which an inequality fails."""
-    pairs = zip(rows, bounds, strict=True)
-    return max(float(np.linalg.eigvalsh(unpack(row @ unknowns) - bound)[-1]) for row, bound in pairs)
+def _solve(cost: Matrix, rows: Sequence[Matrix], bounds: Sequence[Matrix], tried: int) -> Matrix:
+    """Return the best of the solver's results, with `tried` options or more, that keep the inequalities."""
+    found: list[Matrix] = []
+    for k, options in enumerate(_OPTIONS):
+        if found and k >= tried:
+            break
+        unknowns = minimize(cost, np.vstack(rows), bounds, **options)
+        if np.isfinite(unknowns).all() and np.any(unknowns):
+            pairs = zip(rows, bounds, strict=True)
+            excess = max(float(np.linalg.eigvalsh(unpack(row @ unknowns) - bound)[-1]) for row, bound in pairs)
+            if excess <= _TOLERANCE * max(1.0, abs(unknowns[-1])):
+                found.append(unknowns)
+    if not found:
+        raise DesignError("no scheduled controller: the inequalities have no solution")
+    return min(found, key=lambda unknowns: float(cost @ unknowns))
 
 
 def unpack(packed: Matrix) -> Matrix:
@@ -274,14 +331,11 @@ def balancing(X: Matrix, Y: Matrix) -> Matrix:
 def transform(plant: Plant, T: Matrix) -> Plant:
     """Return the plant in the states `inv(T) x`."""
     left = np.linalg.inv(T)
-    return Plant(
+    return replace(
+        plant,
         A=left @ plant.A @ T,
         B1=left @ plant.B1,
         B2=left @ plant.B2,
         C1=plant.C1 @ T,
         C2=plant.C2 @ T,
-        D11=plant.D11,
-        D12=plant.D12,
-        D21=plant.D21,
-        D22=plant.D22,
     )
