@@ -65,6 +65,13 @@ class NormalizedPlant:
         rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
         return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
 
+    @property
+    def size(self) -> float:
+        """[-] size of the gain from w to z without control."""
+        A, B1, C1, D11 = self.A, self.B[:, : self.m1], self.C[: self.p1], self.D[: self.p1, : self.m1]
+        rate = largest_gain(A)
+        return max(largest_gain(D11), largest_gain(C1) * largest_gain(B1) / rate if rate else 0.0)
+
     def to_plant_units(self, K: Lti) -> Lti:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C

@@ -13,10 +13,14 @@ from gustproof.synthesis.hinf.closed_loop import loop_norm
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, SingularProblemError, normalize, require_sizes
 from gustproof.synthesis.hinf.discrete_image import continuous_image, discrete_original
 from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, regularized, solve_regularized
-from gustproof.synthesis.hinf.riccati_half import RiccatiData, riccati_data, solve_riccati
+from gustproof.synthesis.hinf.riccati_half import RiccatiData, has_no_solution, riccati_data, solve_riccati
 
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
+_TOLD = 5e-5
+"""[-] relative distance below the least level at which it must be clear that there is no controller."""
+_NEAR_ZERO = 1e-6
+"""[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller still exists."""
 _PATIENCE = 2
@@ -40,7 +44,7 @@ class HinfResult(CheckedController):
 
     gamma_opt: float
     """[-] least level for which a controller exists, to 1e-7 relative, from above; of the regularised plant if `P` is
-    singular. Levels below 1e-8 of the size of P are rounding."""
+    singular. Levels below 1e-6 of the size of P may be rounding of 0."""
     X: Matrix
     """(n, n) solution of the control Riccati equation at `gamma`; of the bilinear image if P is discrete."""
     Y: Matrix
@@ -210,6 +214,8 @@ class _Design(NamedTuple):
         level = self.backoff * gamma_opt if self.gamma is None else self.gamma
         if level <= gamma_opt:
             raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
+        if gamma_opt > _NEAR_ZERO * problem.size:
+            _require_clear_boundary(halves, gamma_opt, problem.floor)
         solution = _solve(halves, level)
         if not solution.definite:
             raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
@@ -245,6 +251,23 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
         misses += follows and not np.isfinite(margin)
         slow = slow + 1 if follows and high - low > 0.5 * width else 0
     return high
+
+
+def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
+    """Raise if it may be rounding that leaves no controller just below the least level."""
+    level = (1.0 - _TOLD) * gamma_opt
+    if level <= floor:
+        return
+    try:
+        solution = _solve(halves, level)
+        clear = solution.margin <= 0.0
+    except DesignError:
+        clear = any(has_no_solution(half, level) for half in halves)
+    if not clear:
+        raise DesignError(
+            f"the least level, about {gamma_opt:.6g}, cannot be told: rounding hides on which side of the imaginary "
+            "axis a mode or zero of P is"
+        )
 
 
 def _secant_zero(seen: list[tuple[float, float]]) -> float:

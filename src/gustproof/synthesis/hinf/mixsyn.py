@@ -2,14 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from gustproof.errors import DesignError
 from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, lft, series
+from gustproof.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
+from gustproof.model.lft import append
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 
 Weight = LinearSystem | ArrayLike | None
@@ -77,7 +78,7 @@ def mixsyn(
     return replace(result, checks=tuple(checks))
 
 
-def _as_state_space(name: str, system: LinearSystem) -> Lti:
+def _as_state_space(name: str, system: Any) -> Lti:
     """Return a system as state space; a transfer function of python-control has no matrices of its own."""
     if hasattr(system, "A"):
         return as_lti(system)
@@ -100,7 +101,7 @@ def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
         worst = max(W.poles(), key=abs if G.dt else lambda pole: pole.real)
         raise DesignError(f"{name} is not stable: it has a pole at {worst:.3g}, and no feedback acts on a weight")
     if W.D.shape == (1, 1) and channels > 1:
-        W = _beside([W] * channels)
+        W = append(*[W] * channels).M
     if W.n_inputs != channels:
         raise ValueError(f"{name} has {W.n_inputs} inputs, must have 1 or {channels}")
     return W
@@ -117,14 +118,4 @@ def _generalised_plant(G: Lti, weights: Mapping[str, Lti]) -> Lti:
         D=np.block([[identity, -G.D], [np.zeros((m, p)), np.eye(m)], [0.0 * identity, G.D], [identity, -G.D]]),
         dt=G.dt,
     )
-    return series(signals, _beside([*weights.values(), gain(identity, G.dt)]))
-
-
-def _beside(systems: list[Lti]) -> Lti:
-    """Return systems side by side, each with inputs and outputs of its own."""
-
-    def stacked(matrices: list[Matrix]) -> Matrix:
-        return np.asarray(scipy.linalg.block_diag(*matrices), dtype=np.float64)
-
-    A, B, C, D = (stacked([getattr(each, name) for each in systems]) for name in "ABCD")
-    return Lti(A=A, B=B, C=C, D=D, dt=systems[0].dt)
+    return series(signals, append(*weights.values(), gain(identity, G.dt)).M)

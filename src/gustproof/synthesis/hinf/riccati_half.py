@@ -13,6 +13,9 @@ from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
 _SEMIDEFINITE = 1e-9
 """[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
 singular or 0; it becomes indefinite only through infinity."""
+_TINY = float(np.finfo(float).tiny)
+_ROUNDING = 1e-14
+"""[-] rounding of a gain, of the terms that it is summed from."""
 
 
 class RiccatiData(NamedTuple):
@@ -20,6 +23,8 @@ class RiccatiData(NamedTuple):
 
     A: Matrix
     B: Matrix
+    C1: Matrix
+    D1: Matrix
     R: Matrix
     """(m1 + m2, m1 + m2) D1^T D1."""
     SB: Matrix
@@ -49,32 +54,84 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
         none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
         quotient = riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
     return RiccatiData(
-        A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size, zeros=zeros, quotient=quotient
+        A=A,
+        B=B,
+        C1=C1,
+        D1=D1,
+        R=D1.T @ D1,
+        SB=SB,
+        Q=C1.T @ C1,
+        J=J,
+        natural_size=natural_size,
+        zeros=zeros,
+        quotient=quotient,
     )
 
 
 def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
-    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
-    n, A, B, SB = half.A.shape[0], half.A, half.B, half.SB
-    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, SB)
-    if singular:
-        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
-    S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
-    if half.zeros.rest.shape[1] < n:
+    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue.
+
+    Raises
+    ------
+    DesignError
+        If there is no stabilising solution.
+    numpy.linalg.LinAlgError
+        If `gamma` is a singular value of the part of D11 that no control affects.
+    """
+    RS, RB = _feedback(half, gamma)
+    if half.zeros.rest.shape[1] < half.A.shape[0]:
         X, definite = _solve_quotient(half, gamma, RS, RB)
         return X, -(RS + RB @ X), definite
-    H = np.empty((2 * n, 2 * n))
-    H[:n, :n] = A - B @ RS
-    H[:n, n:] = -B @ RB
-    H[n:, :n] = S.T @ RS - half.Q
-    H[n:, n:] = -H[:n, :n].T
     try:
-        X = stabilizing_solution(H)
+        X = stabilizing_solution(_hamiltonian(half, RS, RB))
     except RiccatiError as error:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from None
+        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
     eigenvalues = np.linalg.eigvalsh(X)
     definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
     return X, -(RS + RB @ X), bool(definite)
+
+
+def has_no_solution(half: RiccatiData, gamma: float) -> bool:
+    """Return True if there is no stabilising solution, whatever the rounding.
+
+    There is none if at some frequency no control, knowing all, keeps the gain from w to z below the level. Frequencies
+    are tried between the eigenvalues of the Hamiltonian on the imaginary axis, where that gain crosses the level.
+    """
+    if half.quotient is not None:
+        return has_no_solution(half.quotient, gamma)
+    n, w = half.A.shape[0], np.flatnonzero(np.diag(half.J))
+    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, *_feedback(half, gamma))).imag)
+    ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
+    omega = 0.5 * (ends[:-1] + ends[1:])
+    omega = omega[omega > 0.0]
+    states = np.linalg.solve(1j * omega[:, None, None] * np.eye(n) - half.A, half.B.astype(np.complex128)[None])
+    gains = half.C1 @ states + half.D1
+    terms = np.linalg.norm(np.abs(half.C1) @ np.abs(states) + np.abs(half.D1), axis=1, keepdims=True) + _TINY
+    controls = (gains / terms)[:, :, len(w) :]
+    U, singular, _ = np.linalg.svd(controls, full_matrices=False)
+    left = gains[:, :, : len(w)] - U @ (U.conj().transpose(0, 2, 1) @ gains[:, :, : len(w)])
+    rounding = _ROUNDING * np.linalg.norm(terms[:, 0, : len(w)], axis=1) / singular[:, -1]
+    return bool(np.any(np.linalg.norm(left, 2, axis=(1, 2)) > gamma + rounding))
+
+
+def _feedback(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix]:
+    """Return `R^-1 S` and `R^-1 B^T` at a level."""
+    n = half.A.shape[0]
+    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, half.SB)
+    if singular:
+        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
+    return solved[:, :n], solved[:, n:]
+
+
+def _hamiltonian(half: RiccatiData, RS: Matrix, RB: Matrix) -> Matrix:
+    """Return the Hamiltonian matrix of the equation, (2n, 2n)."""
+    n, B = half.A.shape[0], half.B
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n] = half.A - B @ RS
+    H[:n, n:] = -B @ RB
+    H[n:, :n] = half.SB[:, :n].T @ RS - half.Q
+    H[n:, n:] = -H[:n, :n].T
+    return H
 
 
 def _solve_quotient(half: RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
