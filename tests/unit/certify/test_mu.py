@@ -12,6 +12,7 @@ from gustproof.certify.mu.scalings import best_scalings
 from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
 from gustproof.certify.mu.sweep import add_performance_block
 from gustproof.certify.mu.worst_gain import restrict, wcgain
+from gustproof.certify.mu.worst_margin import wcmargin
 from gustproof.lti import margins
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, discretize_zoh, gain
@@ -225,3 +226,25 @@ def test_what_has_no_mu_is_refused():
 def test_an_unstable_member_makes_the_worst_gain_infinite():
     found = wcgain(oscillator(1.0, ureal("c", low=-0.1, high=0.3)), boxes=2)
     assert math.isinf(found.upper)
+
+
+INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], D=[[0.0]])
+
+
+def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
+    low, high = wcmargin(ureal("gain", low=0.5, high=1.5) @ INTEGRATOR, accuracy=0.1)
+    worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))
+    assert low <= worst[1]
+    assert high >= worst[0]
+    assert high <= 1.25 * low
+
+
+def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():
+    third_order = Lti(A=[[0, 1, 0], [0, 0, 1], [-1, -3, -3]], B=[[0], [0], [1]], C=[[1, 0, 0]], D=[[0]])
+    assert wcmargin(ureal("gain", low=2.0, high=9.0) @ third_order) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="no blocks"):
+        wcmargin(Uncertain(M=INTEGRATOR))
+    with pytest.raises(ValueError, match="must be square"):
+        wcmargin(ureal("gain", low=0.5, high=1.5) @ gain([[1.0, 1.0]]))
+    with pytest.raises(ValueError, match="unstable at Delta = 0"):
+        wcmargin(ureal("gain", low=8.5, high=9.5) @ third_order)
