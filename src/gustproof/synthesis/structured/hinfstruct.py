@@ -116,13 +116,14 @@ def hinfstruct(
     structure
         Tunable blocks; if given, `order` is not used.
     starts
-        Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced.
+        Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced. The
+        others are random; they take turns in size, and in units of 1 or those of the plant's balance.
     seed
         Seed of the random starts.
     soft_goal
         Goal to minimise instead of the norm from w to z.
     hard_goals
-        Goals to satisfy, such as a `DecayGoal` or a bound on the controller's entries.
+        Goals to satisfy, from `gustproof.synthesis.structured.goals`: margins, roll-off, decay, pole radius, |K|.
     progress
         Callback for the fraction done and the best result so far.
 

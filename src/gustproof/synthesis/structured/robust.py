@@ -57,7 +57,8 @@ def robust_hinfstruct(
 
     A design for the nominal plant alone comes first. Each round bounds the worst gain of its loop by D-G scalings and
     adds the worst member found to the plants designed for. The rounds end once that member is no worse than those
-    designed for, or the certified gain falls no more. The design of least certified gain is returned.
+    designed for, or the certified gain falls no more. The design of least certified gain is returned; with hard goals,
+    the last one, which satisfies them for the most members.
 
     Parameters of `P` are constant in time. The worst value of a full block becomes a stable system with it at the
     frequency of the worst gain: all-passes on each side. The members are found by local search. The certified gain does
@@ -111,7 +112,7 @@ def robust_hinfstruct(
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
         bracket = wcgain(close_loop(P, result.controller), boxes=boxes)
         history.append(bracket.upper)
-        if best is None or bracket.upper < best[1].upper:
+        if best is None or hard_goals or bracket.upper < best[1].upper:
             best = result, bracket, k
         if bracket.lower <= (1.0 + _GAIN) * result.norm or _is_settled(history):
             break
