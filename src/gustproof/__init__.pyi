@@ -100,11 +100,11 @@ from gustproof.synthesis.hinf.h2syn import h2syn as h2syn
 from gustproof.synthesis.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn as hinfsyn
 from gustproof.synthesis.hinf.mixsyn import mixsyn as mixsyn
-from gustproof.synthesis.mu.musyn import musyn as musyn
-from gustproof.synthesis.mu.ucover import ucover as ucover
 from gustproof.synthesis.lpv.lpvsyn import LftController as LftController
 from gustproof.synthesis.lpv.lpvsyn import ScheduledController as ScheduledController
 from gustproof.synthesis.lpv.lpvsyn import lpvsyn as lpvsyn
+from gustproof.synthesis.mu.musyn import musyn as musyn
+from gustproof.synthesis.mu.ucover import ucover as ucover
 from gustproof.synthesis.pid.autotune import autotune_pid as autotune_pid
 from gustproof.synthesis.pid.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.synthesis.structured.blocks import Structure as Structure

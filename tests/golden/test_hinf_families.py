@@ -1,15 +1,11 @@
 """Three hundred plants of seven kinds: what breaks other programs, judged by a reference of 60 and more digits."""
 
-import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 import scipy.linalg
 
-from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti
-from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
 
 SAVED = Path(__file__).parent / "hinf_families.json"
 PLANTS = 300
