@@ -198,10 +198,10 @@ def _judge_claims(
     solved: DesignReport,
 ) -> tuple[Claim, ...]:
     """Return the verdicts; none if a law that the claims are about was not flown."""
-    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.result.gamma_opt is None:
+    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.gamma_opt is None:
         return ()
     highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
-    figures = {"norm": solved.result.norm, "gamma_opt": solved.result.gamma_opt}
+    figures = {"norm": solved.result.norm, "gamma_opt": solved.gamma_opt}
     return judge_claims(medians, laws, peak_rate=highest, **figures)
 
 

@@ -44,22 +44,23 @@ def solve_loop_shaping(design: Design, problem: Interconnection, *, crossover: f
         raise DesignError(f"design {design.name}: ncfsyn shapes the loop from torque to gyro, and that alone")
     plant = problem.system(("u",), problem.y)
     # (s + corner) / (s + leak)
-    rise = Lti(A=[[-design.leak]], B=[[1.0]], C=[[_CORNER * crossover - design.leak]], D=[[1.0]])
+    one = np.eye(1)
+    rise = Lti(A=-design.leak * one, B=one, C=(_CORNER * crossover - design.leak) * one, D=one)
     found = []
     for axis in range(problem.n_con):
         G = plant.subsystem([axis], [axis]).connected()
         reached = float(abs(series(rise, G).response(np.array([crossover]))[0, 0, 0]))
-        found.append(ncfsyn(G, series(rise, gain([[1.0 / reached]])), backoff=design.backoff))
-    worst = max(found, key=lambda one: one.norm)
-    parts = [[getattr(one.controller, name) for one in found] for name in "ABCD"]
+        found.append(ncfsyn(G, series(rise, gain(one / reached)), backoff=design.backoff))
+    worst = max(found, key=lambda shaped: shaped.norm)
+    parts = [[getattr(shaped.controller, name) for shaped in found] for name in "ABCD"]
     A, B, C, D = (scipy.linalg.block_diag(*matrices) for matrices in parts)
     turn = np.arange(len(A)).reshape(len(found), -1).T.ravel()  # a law takes the axes in turn
     return CheckedController(
         controller=Lti(A=A[np.ix_(turn, turn)], B=B[turn], C=C[:, turn], D=D),
-        gamma=max(one.gamma for one in found),
+        gamma=max(shaped.gamma for shaped in found),
         norm=worst.norm,
         omega=worst.omega,
-        checks=tuple(f"{axis}: {check}" for axis, one in zip(AXES, found, strict=True) for check in one.checks),
+        checks=tuple(f"{axis}: {check}" for axis, shaped in zip(AXES, found, strict=True) for check in shaped.checks),
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import bilinear_transform
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.state_space import Lti
 
 _NEAR_MINUS_ONE = 1e-3

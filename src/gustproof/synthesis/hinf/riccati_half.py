@@ -13,8 +13,9 @@ from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
 _SEMIDEFINITE = 1e-9
 """[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
 singular or 0; it becomes indefinite only through infinity."""
-_CLEAR = 1e-13
-"""[-] eigenvalues of the Popov function beyond this, with its terms scaled to 1, have a sign, whatever the rounding."""
+_TINY = float(np.finfo(float).tiny)
+_ROUNDING = 1e-14
+"""[-] rounding of a gain, of the terms that it is summed from."""
 
 
 class RiccatiData(NamedTuple):
@@ -22,6 +23,8 @@ class RiccatiData(NamedTuple):
 
     A: Matrix
     B: Matrix
+    C1: Matrix
+    D1: Matrix
     R: Matrix
     """(m1 + m2, m1 + m2) D1^T D1."""
     SB: Matrix
@@ -51,7 +54,17 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
         none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
         quotient = riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
     return RiccatiData(
-        A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size, zeros=zeros, quotient=quotient
+        A=A,
+        B=B,
+        C1=C1,
+        D1=D1,
+        R=D1.T @ D1,
+        SB=SB,
+        Q=C1.T @ C1,
+        J=J,
+        natural_size=natural_size,
+        zeros=zeros,
+        quotient=quotient,
     )
 
 
@@ -81,34 +94,24 @@ def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool
 def has_no_solution(half: RiccatiData, gamma: float) -> bool:
     """Return True if there is no stabilising solution, whatever the rounding.
 
-    With a solution, the Popov function has as many positive and negative eigenvalues at each frequency as at infinity.
-    It is computed between the eigenvalues of the Hamiltonian on the imaginary axis, where one changes its sign.
-
-    References
-    ----------
-    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, Theorem 13.19.
+    There is none if at some frequency no control, knowing all, keeps the gain from w to z below the level. Frequencies
+    are tried between the eigenvalues of the Hamiltonian on the imaginary axis, where that gain crosses the level.
     """
     if half.quotient is not None:
         return has_no_solution(half.quotient, gamma)
-    n, m = half.A.shape[0], half.B.shape[1]
-    R, S = half.R - gamma**2 * half.J, half.SB[:, :n]
+    n, w = half.A.shape[0], np.flatnonzero(np.diag(half.J))
     crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, *_feedback(half, gamma))).imag)
     ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
     omega = 0.5 * (ends[:-1] + ends[1:])
     omega = omega[omega > 0.0]
     states = np.linalg.solve(1j * omega[:, None, None] * np.eye(n) - half.A, half.B.astype(np.complex128)[None])
-    across = states.conj().transpose(0, 2, 1) @ S.T
-    cost = states.conj().transpose(0, 2, 1) @ (half.Q @ states)
-    # each input in units of the terms of its diagonal, so that what is left of them by cancellation counts as small
-    terms = [np.abs(np.diagonal(part, axis1=-2, axis2=-1)) for part in (cost, 2.0 * across, R)]
-    units = 1.0 / np.sqrt(terms[0] + terms[1] + terms[2])
-    popov = units[:, :, None] * (cost + across + across.conj().transpose(0, 2, 1) + R) * units[:, None, :]
-    values = np.linalg.eigvalsh(popov)
-    clear = np.abs(values) > _CLEAR
-    negative = np.count_nonzero(clear & (values < 0.0), axis=1)
-    positive = np.count_nonzero(clear & (values > 0.0), axis=1)
-    expected = np.count_nonzero(np.linalg.eigvalsh(R) < 0.0)
-    return bool(np.any((negative > expected) | (positive > m - expected)))
+    gains = half.C1 @ states + half.D1
+    terms = np.linalg.norm(np.abs(half.C1) @ np.abs(states) + np.abs(half.D1), axis=1, keepdims=True) + _TINY
+    controls = (gains / terms)[:, :, len(w) :]
+    U, singular, _ = np.linalg.svd(controls, full_matrices=False)
+    left = gains[:, :, : len(w)] - U @ (U.conj().transpose(0, 2, 1) @ gains[:, :, : len(w)])
+    rounding = _ROUNDING * np.linalg.norm(terms[:, 0, : len(w)], axis=1) / singular[:, -1]
+    return bool(np.any(np.linalg.norm(left, 2, axis=(1, 2)) > gamma + rounding))
 
 
 def _feedback(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix]:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import bilinear_transform
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain
 from gustproof.model.lft import Uncertain, append, ultidyn
 from gustproof.synthesis.mu.minimum_phase import MinimumPhase, fit_factors

@@ -12,8 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from gustproof.law.discretize import tustin
-from gustproof.lti.norms import bilinear_transform
+from gustproof.lti.bilinear import bilinear_transform, tustin
 from gustproof.lti.state_space import Lti, Matrix
 
 Draw = Callable[[np.random.Generator], Matrix]

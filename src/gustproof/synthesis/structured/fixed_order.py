@@ -51,12 +51,13 @@ def solve_structured(
         structure = observer_structure(each, _AXES, leak=design.leak)
     else:
         structure = decoupled_structure(each, problem.n_meas, problem.n_con)
-    sizes, search = (problem.n_meas, problem.n_con), {"starts": starts, "seed": seed}
+    sizes = problem.n_meas, problem.n_con
     if envelope is None:
-        result = hinfstruct(problem.plant(), *sizes, structure=structure, **search, progress=progress)
+        plant = problem.plant()
+        result = hinfstruct(plant, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
     else:
-        plant = uncertain_plant(design, problem, envelope)
-        result = robust_hinfstruct(plant, *sizes, structure=structure, **search, progress=progress)
+        family = uncertain_plant(design, problem, envelope)
+        result = robust_hinfstruct(family, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
     # from one block an axis to the order of a law: all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
     return replace(result, controller=_reorder_states(result.controller, first))

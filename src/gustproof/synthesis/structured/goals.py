@@ -10,7 +10,7 @@ from enum import Enum
 
 import numpy as np
 
-from gustproof.lti.norms import bilinear_transform
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.state_space import Lti, series
 
 Indices = tuple[int, ...] | None

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.law.discretize import tustin
-from gustproof.lti.norms import Peak, bilinear_transform, hinf_norm
+from gustproof.lti.bilinear import bilinear_transform, tustin
+from gustproof.lti.norms import Peak, hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, lft
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gustproof.lti.norms import Peak, bilinear_transform
+from gustproof.lti.bilinear import bilinear_transform
+from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.synthesis.structured.blocks import Structure
 from gustproof.synthesis.structured.goals import (

@@ -7,7 +7,7 @@ import numpy as np
 
 from gustproof.certify.mu.sweep import Bracket
 from gustproof.certify.mu.worst_gain import wcgain
-from gustproof.law.discretize import tustin
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import ComplexMatrix, Lti, gain, series
 from gustproof.model.lft import Uncertain, append, close_loop, star
 from gustproof.model.uncertainty import Delta, FullBlock
