@@ -256,7 +256,7 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
     """Raise if it may be rounding that leaves no controller just below the least level."""
     level = (1.0 - _TOLD) * gamma_opt
-    if level <= floor:
+    if level <= floor or gamma_opt <= _SMALLEST_LEVEL:
         return
     try:
         solution = _solve(halves, level)
