@@ -101,9 +101,9 @@ def hinfsyn(
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
     regularize
-        True to solve a singular problem (D12 or D21 without full rank, a zero on the imaginary axis) with small weights
-        on controls and states and small noise on states and measurements. They only raise the norm of a loop. They fall
-        by tens until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
+        True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights on
+        controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by tens
+        until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
 
     Raises
     ------
@@ -256,7 +256,7 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
     """Raise if it may be rounding that leaves no controller just below the least level."""
     level = (1.0 - _TOLD) * gamma_opt
-    if level <= floor:
+    if level <= floor or gamma_opt <= _SMALLEST_LEVEL:
         return
     try:
         solution = _solve(halves, level)

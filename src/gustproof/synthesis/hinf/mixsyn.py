@@ -23,8 +23,8 @@ def mixsyn(
     """Return the controller that keeps the norm of (W1 S, W2 K S, W3 T) below a level.
 
     `S = (I + G K)^-1` and `T = G K S`: the loop has negative feedback, so `u = K (r - G u)`. The checks name the norm
-    of each part. Weights left out and poles of G on the imaginary axis make the problem singular: it is then solved
-    with small weights and noise, as by `hinfsyn` with `regularize`; the result tells their cost.
+    of each part. Weights left out and poles of G on the imaginary axis make the problem singular. It is then solved
+    with small weights and noise, as by `hinfsyn` with `regularize`. The result tells their cost.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ def solve_regularized(
     """Return what the least useful weight gives, that weight, and an estimate of what it adds to the level.
 
     The closed loop of the plant is a part of that of the regularised one, so its norm is not larger, whatever the
-    controller; a smaller weight has a smaller least level. The levels of a falling sequence tell what is left.
+    controller. A smaller weight has a smaller least level. The levels of a falling sequence tell what is left.
     Without an attempt that succeeds, the last one's `DesignError` is raised, or `refusal`.
     """
     found: list[tuple[Found, float, float]] = []

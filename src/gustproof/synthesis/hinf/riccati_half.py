@@ -14,6 +14,7 @@ _SEMIDEFINITE = 1e-9
 """[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
 singular or 0; it becomes indefinite only through infinity."""
 _TINY = float(np.finfo(float).tiny)
+"""Least positive number, so that a signal of no terms is not divided by 0."""
 _ROUNDING = 1e-14
 """[-] rounding of a gain, of the terms that it is summed from."""
 
@@ -22,9 +23,13 @@ class RiccatiData(NamedTuple):
     """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
 
     A: Matrix
+    """(n, n)."""
     B: Matrix
+    """(n, m1 + m2), of (w, u)."""
     C1: Matrix
+    """(p1, n)."""
     D1: Matrix
+    """(p1, m1 + m2)."""
     R: Matrix
     """(m1 + m2, m1 + m2) D1^T D1."""
     SB: Matrix
@@ -34,7 +39,7 @@ class RiccatiData(NamedTuple):
     J: Matrix
     """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
-    """Size of a solution, the scale for its eigenvalues."""
+    """[-] size of a solution, the scale for its eigenvalues."""
     zeros: AxisZeros
     """Zeros near the imaginary axis."""
     quotient: "RiccatiData | None"

@@ -271,3 +271,80 @@ def test_a_noise_spectrum_that_rises_raises_the_floor():
     result = hinfsyn(design_plant("D1", W_n=shaped, gamma=None), 3, 3)
     assert result.order == 12
     assert result.gamma_opt == pytest.approx(0.0072 / 0.02, rel=SOLVERS_AGREE)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_level_is_left_by_duality_similarity_and_units(seed):
+    P, n_meas, n_con = random_plant(seed)
+    level = hinfsyn(P, n_meas, n_con).gamma_opt
+    rng = np.random.default_rng(seed)
+    T = rng.normal(size=(P.order, P.order))
+    similar = Lti(A=np.linalg.solve(T, P.A @ T), B=np.linalg.solve(T, P.B), C=P.C @ T, D=P.D)
+    dual = Lti(A=P.A.T, B=P.C.T, C=P.B.T, D=P.D.T)
+    rows, columns = np.ones(P.n_outputs), np.ones(P.n_inputs)
+    rows[-n_meas:], columns[-n_con:] = 10.0 ** rng.uniform(-5, 5, n_meas), 10.0 ** rng.uniform(-5, 5, n_con)
+    x = 10.0 ** rng.uniform(-5, 5, P.order)
+    scaled = Lti(
+        A=P.A * x / x[:, None],
+        B=P.B * columns / x[:, None],
+        C=rows[:, None] * P.C * x,
+        D=rows[:, None] * P.D * columns,
+    )
+    assert hinfsyn(similar, n_meas, n_con).gamma_opt == pytest.approx(level, rel=1e-6)
+    assert hinfsyn(dual, n_con, n_meas).gamma_opt == pytest.approx(level, rel=1e-6)
+    assert hinfsyn(scaled, n_meas, n_con).gamma_opt == pytest.approx(level, rel=1e-6)
+
+
+@pytest.mark.parametrize("distance", [1e-4, 1e-9, 1e-12])
+def test_zero_left_of_the_axis_costs_nothing_and_one_right_of_it_does(distance):
+    # u reaches z through (s - zero) / (s + 1)^2: a controller can cancel the zero or must leave what it blocks
+    levels = {}
+    for zero in (-distance, distance):
+        P = Lti(
+            A=[[0.0, 1.0], [-1.0, -2.0]],
+            B=[[0.0, 0.0, 0.0], [1.0, 0.0, 1.0]],
+            C=[[-1.0 - zero, -2.0 + 1.0], [1.0, 0.0]],
+            D=[[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
+        )
+        levels[zero] = hinfsyn(P, 1, 1).gamma_opt
+    assert levels[-distance] <= levels[distance] * (1.0 + 1e-6)
+
+
+def test_level_that_rounding_hides_is_refused_by_name():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        n, zero = 4, 10.0 ** rng.uniform(-11, -8)
+        T, F, C = rng.normal(size=(n, n)), rng.normal(size=(2, n)), rng.normal(size=(3, n))
+        A, B, D = rng.normal(size=(n, n)), rng.normal(size=(n, 4)), rng.normal(size=(4, 4))
+        A[:, 0], C[:, 0] = 0.0, 10.0 ** rng.uniform(-11, -8) * rng.normal(size=3)
+        A[0, 0] = -zero
+        A, C = T @ A @ np.linalg.inv(T) + B[:, 2:] @ F, C @ np.linalg.inv(T) + D[:3, 2:] @ F
+        P = Lti(A=A, B=B, C=np.vstack([C, rng.normal(size=(1, n))]), D=D)
+        try:
+            hinfsyn(P, 1, 2)
+        except DesignError as refusal:
+            if "cannot be told: rounding hides" in str(refusal):
+                return
+    pytest.fail("no plant was refused so")
+
+
+def test_singular_plant_is_solved_on_request_and_its_cost_told():
+    P = Lti(**LAG, D=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    result = hinfsyn(P, 1, 1, regularize=True)
+    assert result.regularization > 0.0
+    assert 0.0 < result.gamma_excess < 1e-3 * result.gamma_opt
+    assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.norm, rel=1e-9)
+    assert result.norm_error <= 1e-6 * result.norm
+
+
+def test_regular_plant_is_not_regularised():
+    P, n_meas, n_con = random_plant(1)
+    plain, asked = hinfsyn(P, n_meas, n_con), hinfsyn(P, n_meas, n_con, regularize=True)
+    assert np.array_equal(plain.controller.A, asked.controller.A)
+    assert asked.regularization == asked.gamma_excess == 0.0
+
+
+def test_regularisation_does_not_help_a_plant_that_cannot_be_stabilised():
+    P = Lti(A=[[1.0]], B=[[1.0, 0.0, 0.0]], C=LAG["C"], D=np.zeros((3, 3)))
+    with pytest.raises(DesignError, match="not stabilisable by u"):
+        hinfsyn(P, 1, 1, regularize=True)
