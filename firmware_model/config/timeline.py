@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from firmware_model.config.fields import TimeWindow
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.waveforms import OneMinusCosine, Ramp, Replay, Step, Sweep
+from firmware_model.config.waveforms import OneMinusCosine, Ramp, Replay, Step
 
 _EVENT_ENDS = ("for_s", "over_s", "recovers_after_s")
 
@@ -76,14 +76,12 @@ def _takes_back(table: Any, other: Any) -> bool:
 
 
 def _window(scenario: Scenario, kind: Literal["gust", "moment", "link"], table: Any, text: str) -> Span:
-    begin = table.start_s
-    end = scenario.duration_s if table.stop_s is None else min(table.stop_s, scenario.duration_s)
-    if isinstance(table, Ramp) and table.stop_s is None:  # the front
+    begin, stop = table.start_s, table.stop_s
+    end = scenario.duration_s if stop is None else min(stop, scenario.duration_s)
+    if isinstance(table, Ramp) and stop is None:  # the front
         end = min(end, begin + table.rise_s)
     elif isinstance(table, OneMinusCosine):
         end = min(end, begin + table.length_s)
-    elif isinstance(table, Sweep):
-        end = min(end, table.stop_s)
     elif isinstance(table, Replay):
         end = min(end, begin + table.rows[-1][0])
     return Span(begin, end, kind, text)

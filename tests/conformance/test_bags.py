@@ -15,7 +15,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD, record_type
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.definitions import TYPES
-from gustproof.recording.topics import TOPICS, encode
+from gustproof.recording.topics import ANGLE_TOPICS, TOPICS, encode
 
 FLIGHT = {"scenario": "paper", "law": "hinf-d1", "seed": 1}
 N = 50
@@ -53,7 +53,7 @@ def xyz(vector) -> list[float]:
 
 def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
     records, found = flight(rates=True), by_topic(bag)
-    assert set(found) == {"/flight", "/mode", *(topic.name for topic in TOPICS)}
+    assert set(found) == {"/flight", "/mode", *(topic.name for topic in (*TOPICS, *ANGLE_TOPICS))}
     for i in range(N):
         one = {topic: messages[i][1] for topic, messages in found.items() if len(messages) == N}
         expected = {

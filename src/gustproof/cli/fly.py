@@ -1,5 +1,6 @@
 """The command `gustproof fly`: one flight, new or repeated."""
 
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -222,7 +223,9 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
                 plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
             )
         if page:
-            page.end(result.message, result.records)
+            report = shlex.join(["gustproof", "report", str(result.bag), "-o", "report.html"])
+            again = shlex.join(["gustproof", *sys.argv[1:]])  # refused where it would write over this flight
+            page.end(result.message, result.records, [report, again] if result.bag else [again])
     return result
 
 

@@ -7,13 +7,17 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.options import check_output, working
+from gustproof.recording.folder import find_bags
+from gustproof.recording.layout import LAYOUTS, save_layout
 
 
 def report(
     runs: Annotated[
         list[Path], typer.Argument(help="Folders of `gustproof fly --out` or bags, or the table of one campaign.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Write the page here (.html).")] = Path("report.html"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Write the page here (.html), or a layout (.json, .xml).")
+    ] = Path("report.html"),
 ) -> None:
     """Write one page on some flights: figures, linked time histories, margins, spectra, a 3D replay.
 
@@ -25,11 +29,21 @@ def report(
 
         gustproof report run1 run2 -o report.html
 
+    Other viewers open the bags: -o layout.json is a layout for Foxglove, -o layout.xml one for PlotJuggler.
+
+        gustproof report run1 -o layout.json
+
     For a campaign's table the page shows the distributions of all figures by law, their causes, and the worst runs.
 
         gustproof report mc.parquet -o mc.html
     """
-    check_output(output, ".html", "a report", new=True)
+    check_output(output, (".html", *LAYOUTS), "a report or a layout", new=True)
+    if output.suffix in LAYOUTS:
+        for run in runs:
+            find_bags(run)
+        save_layout(output)
+        print(f"layout for the bags in {', '.join(map(str, runs))} in {output}")
+        return
     if any(run.suffix == ".parquet" for run in runs):
         from gustproof.report.html.campaign_page import write_campaign_report
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of figures."""
 _COLUMN_IN = 3.5  # width of a column in a journal of two columns
-_PAPER: dict[str, Any] = {
+_PAPER: Any = {
     "font.family": "serif",
     "mathtext.fontset": "dejavuserif",
     "font.size": 7.0,
@@ -28,7 +28,7 @@ _PAPER: dict[str, Any] = {
     "xtick.major.width": 0.5,
     "ytick.major.width": 0.5,
 }
-_FILES: dict[str, Any] = {"pdf.fonttype": 42, "svg.hashsalt": "gustproof", "svg.fonttype": "none"}
+_FILES: Any = {"pdf.fonttype": 42, "svg.hashsalt": "gustproof", "svg.fonttype": "none"}
 _NO_DATE: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 

@@ -257,8 +257,8 @@ def _draw_stacked(
     rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
     if any(flights):
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
-        columns = 3 if is_paper() else 6
-        figure.legend(lines, list(flights), loc="outside lower center", ncols=columns, frameon=False)
+        across = 3 if is_paper() else 6
+        figure.legend(lines, list(flights), loc="outside lower center", ncols=across, frameon=False)
     save_figure(figure, path)
 
 

@@ -83,7 +83,7 @@ def test_a_figure_for_a_paper_is_a_column_wide_with_its_numbers_beside(drawn, tm
     assert drawn[0].axes[0].yaxis.label.get_fontfamily() == ["serif"]
     with (tmp_path / "x.csv").open(newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row["panel"] == "1"]
-    assert [float(row["x"]) for row in rows] == [i * 0.004 for i in range(250)]
+    assert [float(row["x"]) for row in rows] == pytest.approx([i * 0.004 for i in range(250)])
     assert {(row["curve"], row["y_label"]) for row in rows} == {("hinf-d1", "roll φ [deg]")}
     assert float(rows[31]["y"]) == pytest.approx(np.degrees(0.1 * np.sin(31 / 20.0)))
 

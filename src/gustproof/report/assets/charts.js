@@ -274,7 +274,7 @@ function addChart(row, chart) {
   place.className = "chart";
   const title = place.appendChild(document.createElement("h4"));
   title.textContent = chart.title;
-  const beyond = [...new Set((chart.marks ?? []).filter(({ y }) => y !== null).map(({ label }) => label))];
+  const beyond = [...new Set((chart.marks ?? []).filter(({ y, colour }) => y !== null && colour === null && chart.kind === "time").map(({ label }) => label))];
   if (beyond.length) title.appendChild(document.createElement("small")).textContent = ` ${beyond.join(", ")}`;
   const height = row.classList.contains("tall") ? 190 : chart.kind === "time" ? 150 : 220;
   const plot = new uPlot(optionsOf(chart, Math.max(place.clientWidth, 200), height), tableOf(chart), place);

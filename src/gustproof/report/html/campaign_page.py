@@ -92,8 +92,9 @@ def _render_figures(found: CampaignStatistics) -> str:
 
 def _render_forest(found: CampaignStatistics, name: str) -> str:
     """Return median and 95th percentile of a figure with their intervals, law by law; nothing if none is known."""
-    estimates = [(law, *(law.figures[name].quantiles[each] for each in ("median", "p95"))) for law in found.laws]
-    known = [x for _, *both in estimates for each in both for x in each if math.isfinite(x)]
+    quantiles = [law.figures[name].quantiles for law in found.laws]
+    estimates = [(law, own["median"], own["p95"]) for law, own in zip(found.laws, quantiles, strict=True)]
+    known = [x for _, median, p95 in estimates for x in (*median, *p95) if math.isfinite(x)]
     if not known or max(known) == min(known):
         return ""
     low, high = min(0.0, min(known)), 1.04 * max(known)

@@ -26,6 +26,7 @@ class ChartKind(Enum):
 
     TIME = "time"  # time and a value; all charts of time share zoom and cursor
     FREQUENCY = "frequency"  # both logarithmic
+    DECIBEL = "decibel"  # frequency, logarithmic, and a gain in dB, 90 dB at most
     SEMILOG = "semilog"  # frequency, logarithmic, and a value
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
@@ -166,9 +167,11 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     return tuple(groups)
 
 
-def frequency_chart(title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY) -> Chart:
+def frequency_chart(
+    title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY, marks: tuple[Mark, ...] = ()
+) -> Chart:
     """Return a chart over frequency."""
-    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves)
+    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves, marks=marks)
 
 
 def bracket_unit(unit: str) -> str:

@@ -47,7 +47,7 @@ def render_tiles(runs: Sequence[ReportRun]) -> str:
     for heading, name in _TILES:
         values = [getattr(run.metrics, name, math.nan) for run in runs]
         whole = [v for v, run in zip(values, runs, strict=True) if run.has_expected_outcome and math.isfinite(v)]
-        best = min(whole) if is_fair and len(whole) > 1 else math.nan
+        best = min(whole) if is_fair and len(set(whole)) > 1 else math.nan
         lines = []
         for i, (run, value) in enumerate(zip(runs, values, strict=True)):
             ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 and math.isfinite(value) else ""
