@@ -192,18 +192,13 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
-    from gustproof.law.form import Law
     from gustproof.simulate.checkup import is_cold
-    from gustproof.simulate.flight import FlightPlan, warnings
+    from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
-    if isinstance(plan, FlightPlan):
-        law = plan.pilot if isinstance(plan.pilot, Law) else None
-        pilot, known = plan.pilot.name, () if law is None else warnings(plan.scenario, law, plan.vehicle)
-    else:
-        pilot, known = plan.autopilot.name, ()
-    for warning in () if quiet else known:
-        print(f"gustproof: warning: {warning}", file=sys.stderr)
+    pilot = plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
+    if not quiet:
+        _print_warnings(plan)
     title = f"{plan.scenario.name}, {pilot}"
     with ExitStack() as stack:
         page = None
@@ -223,10 +218,24 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
                 plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
             )
         if page:
-            report = shlex.join(["gustproof", "report", str(result.bag), "-o", "report.html"])
-            again = shlex.join(["gustproof", *sys.argv[1:]])  # refused where it would write over this flight
-            page.end(result.message, result.records, [report, again] if result.bag else [again])
+            page.end(result.message, result.records, _next_commands(result))
     return result
+
+
+def _print_warnings(plan: "FlightPlan | GuestPlan") -> None:
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import FlightPlan, warnings
+
+    if isinstance(plan, FlightPlan) and isinstance(plan.pilot, Law):
+        for warning in warnings(plan.scenario, plan.pilot, plan.vehicle):
+            print(f"gustproof: warning: {warning}", file=sys.stderr)
+
+
+def _next_commands(flight: "Flight") -> list[str]:
+    """Return the commands that make a report of a flight, if it left a bag, and that fly it again."""
+    report = shlex.join(["gustproof", "report", str(flight.bag), "-o", "report.html"])
+    again = shlex.join(["gustproof", *sys.argv[1:]])  # refused where it would write over this flight
+    return [report, again] if flight.bag else [again]
 
 
 def load_script(scenario: str | None, *, free: bool) -> "Scenario":

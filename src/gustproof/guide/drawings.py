@@ -12,7 +12,7 @@ from PIL import Image
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from gustproof.law.form import load_law
-from gustproof.report.diagrams import save_figure
+from gustproof.report.figure_style import save_figure
 from gustproof.report.figures import save_histories
 from gustproof.simulate.direct import fly_direct
 from gustproof.types import Array, Records

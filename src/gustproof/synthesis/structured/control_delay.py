@@ -15,7 +15,7 @@ def delay_controls(P: LinearSystem, n_con: int, seconds: float, *, order: int = 
 
     A sampled plant gets that many samples of delay: exact. A continuous one gets Pade's diagonal approximant of the
     given order. Its gain is exact. Its phase is exact to 1 deg up to `omega seconds` = .6 at order 1, 1.7 at order 2
-    and 3.0 at order 3: a loop with gain beyond that frequency needs a higher order, or a sampled plant.
+    and 3.0 at order 3. A loop with gain beyond that frequency needs a higher order, or a sampled plant.
 
     Raises
     ------

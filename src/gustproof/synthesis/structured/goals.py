@@ -155,20 +155,8 @@ def extract_channel(goal: ChannelGoal, P: Lti, n_meas: int, n_con: int, dt: floa
     ValueError
         If a channel does not exist or a limit is not positive.
     """
-    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
-    w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
     if isinstance(goal, GainGoal):
-        inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
-        part = _select_channels(P, [*outputs, *y], [*inputs, *u])
-        if goal.weight is not None:
-            if goal.weight.dt != dt:
-                raise ValueError(f"goal '{goal.name}' has a weight with the sample time {goal.weight.dt} s, not {dt} s")
-            part = _apply_weight(part, bilinear_transform(goal.weight) if dt else goal.weight, n_meas)
-        if dt and goal.measure is NormKind.RMS:
-            one = np.eye(len(outputs))
-            lag = Lti(A=-2.0 / dt * one, B=2.0 / dt * one, C=np.sqrt(dt) * one, D=0.0 * one)
-            part = _apply_weight(part, lag, n_meas)
-        return part, require_positive(goal.name, goal.limit)
+        return _extract_gain(goal, P, n_meas, n_con, dt), require_positive(goal.name, goal.limit)
     if isinstance(goal, RollOffGoal):
         disturbed = _noise_to_control(P, n_meas, n_con)
         weight = _roll_off_weight(goal, n_con, dt)
@@ -181,6 +169,22 @@ def extract_channel(goal: ChannelGoal, P: Lti, n_meas: int, n_con: int, dt: floa
     if isinstance(goal, DiskMarginGoal):  # the norm of S - I/2 bounds the disk margin
         D[: len(chosen), : len(chosen)] -= 0.5 * np.eye(len(chosen))
     return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), require_positive(goal.name, limit)
+
+
+def _extract_gain(goal: GainGoal, P: Lti, n_meas: int, n_con: int, dt: float) -> Lti:
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
+    inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
+    part = _select_channels(P, [*outputs, *y], [*inputs, *u])
+    if goal.weight is not None:
+        if goal.weight.dt != dt:
+            raise ValueError(f"goal '{goal.name}' has a weight with the sample time {goal.weight.dt} s, not {dt} s")
+        part = _apply_weight(part, bilinear_transform(goal.weight) if dt else goal.weight, n_meas)
+    if dt and goal.measure is NormKind.RMS:
+        one = np.eye(len(outputs))
+        lag = Lti(A=-2.0 / dt * one, B=2.0 / dt * one, C=np.sqrt(dt) * one, D=0.0 * one)
+        part = _apply_weight(part, lag, n_meas)
+    return part
 
 
 def _inject_at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:

@@ -261,7 +261,7 @@ class Problem:
         """Return (size,) the parameters that act on the first model with the strength of one unit.
 
         The unit of an entry of [A, B; C, D] is that of its control, `1 / |B_u|`, times that of its measurement,
-        `1 / |C_y|`; those of the controller's own states are 1.
+        `1 / |C_y|`. The units of the controller's own states are 1.
         """
         model, shape = self._continuous_models()[0], self.structure
         controls = np.linalg.norm(model.B[:, model.n_inputs - shape.n_con :], axis=0)
