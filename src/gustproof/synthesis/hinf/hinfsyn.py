@@ -101,9 +101,9 @@ def hinfsyn(
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
     regularize
-        True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights on
-        controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by tens
-        until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
+        True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
+        on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
+        tens until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
 
     Raises
     ------
