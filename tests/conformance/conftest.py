@@ -43,7 +43,8 @@ _FAULTS = """(() => {
     if (table.querySelector("thead th:not([scope])")) faults.push("table without scope");
   }
   for (const each of all(".wide")) {
-    if (each.scrollWidth > each.clientWidth && each.tabIndex < 0) faults.push(`scrolls without focus: ${each.className}`);
+    const scrolls = each.scrollWidth > each.clientWidth;
+    if (scrolls && each.tabIndex < 0) faults.push(`scrolls without focus: ${each.className}`);
   }
   const ink = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   const rgb = (colour) => {
