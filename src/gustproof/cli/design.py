@@ -56,9 +56,8 @@ def design(
     method: Annotated[
         Method,
         typer.Option(
-            help="hinfsyn: the central controller, of the plant's order; h2syn: least rms for white noise; hinfstruct:"
-            " one of the given --order; ncfsyn: loop shaping at --crossover; musyn: least L2 gain over --angle-rad and"
-            " --rate-rad-s."
+            help="hinfsyn: the central controller. h2syn: least rms for white noise. hinfstruct: a controller of the"
+            " given --order. ncfsyn: loop shaping at --crossover. musyn: least L2 gain over an envelope."
         ),
     ] = Method.HINFSYN,
     order: Annotated[
