@@ -56,8 +56,8 @@ def design(
     method: Annotated[
         Method,
         typer.Option(
-            help="hinfsyn: the central controller. h2syn: least rms for white noise. hinfstruct: a controller of the"
-            " given --order. ncfsyn: loop shaping at --crossover. musyn: least L2 gain over an envelope."
+            help="Central (hinfsyn), least rms for white noise (h2syn), fixed order (hinfstruct), loop shaping (ncfsyn)"
+            " or D-K iteration (musyn)."
         ),
     ] = Method.HINFSYN,
     order: Annotated[
