@@ -156,10 +156,10 @@ def certify(
     proof uses bounds on the speeds of roll and pitch, which follow from the envelope's rates. It is tighter and takes
     half a minute.
 
-    With --delay-ms the gain holds for every constant delay of the command up to that time, and with --saturation 1.5
-    for every loss of torque that a limit takes from commands of at most 1.5 times the limit (integral quadratic
-    constraints). Beyond that a saturated loop is an open loop: --saturation inf is refused if plant or controller is
-    not stable alone, and its gain is never below the open loop's. A law without an envelope has the local statement:
+    With --delay-ms the gain holds for every constant delay of the command up to that time. With --saturation 1.5 torque
+    is limited, and commands are at most 1.5 times the limit. Beyond that a saturated loop is an open loop. So
+    --saturation inf is refused if plant or controller is not stable alone, and its gain is never below the open loop's.
+    Both are proved by integral quadratic constraints. A law without an envelope has the local statement:
     below a bounded moment its commands do not reach their limits.
 
     A law without an envelope is proved to fly within a box: its file, sampled and one sample late, on the nonlinear

@@ -76,9 +76,8 @@ def design(
     method: Annotated[
         Method,
         typer.Option(
-            help="hinfsyn: the central controller, of the plant's order; h2syn: least rms for white noise; hinfstruct:"
-            " one of the given --order; ncfsyn: loop shaping at --crossover; musyn: least L2 gain over --angle-rad and"
-            " --rate-rad-s."
+            help="Central (hinfsyn), least rms for white noise (h2syn), fixed order (hinfstruct), loop shaping (ncfsyn)"
+            " or D-K iteration (musyn)."
         ),
     ] = Method.HINFSYN,
     order: Annotated[

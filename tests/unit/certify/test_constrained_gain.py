@@ -233,13 +233,14 @@ FORGERIES: dict[str, tuple[Callable[[], CheckResult], str]] = {
     "multiplier of no pole": (lambda: forge("slope", *BLOCK, "anticausal", to=[]), "size of poles and channels"),
     "odd by a number": (lambda: forge("slope", *BLOCK, "odd", to=1), "neither odd nor not"),
     "negative for a function that is not odd": (
-        lambda: forge("slope", *BLOCK, "odd", to=False), "is negative, which only an odd function allows",
+        lambda: forge("slope", *BLOCK, "odd", to=False),
+        "is negative, which only an odd function allows",
     ),
     "unstable system": (lambda: forge("slope", "system", "A", 0, 0, to=5.0), "not proved stable"),
     "stability negative": (lambda: forge("delay", "stability", 0, 0, to=-1.0), "stability is not positive definite"),
     "a part that sees itself": (lambda: forge("slope", "system", "D", 0, 0, to=0.5), "sees at once what a later part"),
     "an input that jumps": (lambda: forge("varying", "system", "D", 0, 1, to=1e-9), "may jump"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", FORGERIES)

@@ -241,9 +241,14 @@ def test_an_air_that_cannot_be_predicted_is_refused(arguments: tuple[str, ...], 
 def test_delay_and_limit_of_the_command_reach_the_proof(monkeypatch: pytest.MonkeyPatch):
     given: dict[str, Any] = {}
     certificate = Certificate(
-        statement="the gain is below 2", gain=2.0, lower_bound=1.0, proven=True, assumes={"delay_s": "constant"},
-        evidence={"kind": "constrained gain"}, residual=0.0,
-    )  # fmt: skip
+        statement="the gain is below 2",
+        gain=2.0,
+        lower_bound=1.0,
+        proven=True,
+        assumes={"delay_s": "constant"},
+        evidence={"kind": "constrained gain"},
+        residual=0.0,
+    )
 
     def prove(*_: object, **options: Any) -> Certificate:
         given.update(options)

@@ -213,55 +213,52 @@ class _System:
 
     def __init__(self, evidence: dict[str, Any], share: Fraction) -> None:
         self._blocks = evidence["blocks"]
-        sizes = [block["size"] for block in self._blocks]
-        starts = [sum(sizes[:i]) for i in range(len(sizes))]
-        self.rows = [slice(start, start + size) for start, size in zip(starts, sizes, strict=True)]
-        k, slow = sum(sizes), "vertices" in evidence
+        self.rows = _slices(0, [block["size"] for block in self._blocks])
+        k, slow = self.rows[-1].stop, "vertices" in evidence
         filters = [Filter([], []) if slow else make_filter(block) for block in self._blocks]
         A, B, C, D = _read_system(evidence, k)
         self._D, self._C = D[:k], _widen(C, share)
         plant, m = len(A), len(D[0])
-        widths = [len(part.A) for part in filters]
-        n = plant + sum(widths)
+        states = _slices(plant, [len(part.A) for part in filters])
+        n = states[-1].stop
         S = _coordinates(evidence) if share else identity(n)
         self.x = [row + [Fraction(0)] * m for row in S]
         rest = [[Fraction(0)] * n + row for row in identity(m)]
-        self.p, self.w = rest[:k], rest[k:]
-        starts = [plant + sum(widths[:i]) for i in range(len(widths))]
-        self._states = [self.x[start : start + width] for start, width in zip(starts, widths, strict=True)]
-        own = S[:plant]
-        derivative = _join(_product(_widen(A, share), exact(own)), _widen(B, share))
-        output = _join(_product(self._C, exact(own)), self._widen_feedthrough(D, share))
-        self._output, self._n_q = _shorten(output) if share else output, k
-        self._derivative = _shorten(derivative) if share else derivative
+        self.p, self.w, self._n_q = rest[:k], rest[k:], k
+        self._states = [self.x[own] for own in states]
+        own = exact(S[:plant])
+        derivative = _join(_product(_widen(A, share), own), _widen(B, share))
+        output = _join(_product(self._C, own), self._widen_feedthrough(D, share))
+        self._output, self._derivative = (_shorten(rows) if share else rows for rows in (output, derivative))
+        self._add_filters(filters)
+
+    def _add_filters(self, filters: list[Filter]) -> None:
         for part, rows, states in zip(filters, self.rows, self._states, strict=True):
             if part.A:
-                inputs = Ball(*(a + b for a, b in zip(self.q(rows), exact(self.p[rows]), strict=True)))
+                inputs = _stack(self.q(rows), exact(self.p[rows]))
                 slopes = _plus(exact(multiply(part.A, states)), _product(exact(part.B), inputs))
-                self._derivative = Ball(*(a + b for a, b in zip(self._derivative, slopes, strict=True)))
+                self._derivative = _stack(self._derivative, slopes)
 
     def _widen_feedthrough(self, D: RationalMatrix, share: Fraction) -> Ball:
         """Return D within its rounding; in the rows of parts that are no parameters a zero is none of rounding's."""
         wide = _widen(D, share)
-        fixed = {i for block, rows in zip(self._blocks, self.rows, strict=True) if kind_of(block) != "real"
-                 for i in range(rows.start, rows.stop)}  # fmt: skip
-        radius = [
-            [Fraction(0) if i in fixed and not value else r for value, r in zip(row, off, strict=True)]
-            for i, (row, off) in enumerate(zip(D, wide.radius, strict=True))
-        ]
-        return Ball(wide.middle, radius)
+        for block, rows in zip(self._blocks, self.rows, strict=True):
+            if kind_of(block) != "real":
+                for row, off in zip(D[rows], wide.radius[rows], strict=True):
+                    off[:] = [r if value else Fraction(0) for value, r in zip(row, off, strict=True)]
+        return wide
 
     def check_order(self) -> None:
         """Raise `Refusal` unless each part that is no parameter sees at once the outputs of earlier such parts only.
 
         The loop with any of them is then well posed if that of the parameters is, which `gain_inequality` proves.
         """
+        real = [kind_of(block) == "real" for block in self._blocks]
         for i, (block, rows) in enumerate(zip(self._blocks, self.rows, strict=True)):
-            if kind_of(block) == "real":
+            if real[i]:
                 continue
-            earlier = [kind_of(other) != "real" and j < i for j, other in enumerate(self._blocks)]
-            seen = (any(any(row[columns]) for row in self._D[rows]) for columns in self.rows)
-            if any(sees and not allowed for sees, allowed in zip(seen, earlier, strict=True)):
+            later = (columns for j, columns in enumerate(self.rows) if real[j] or j >= i)
+            if any(any(row[columns]) for columns in later for row in self._D[rows]):
                 raise Refusal(
                     f"block {block['name']} sees at once what a later part or a parameter makes of its output"
                 )
@@ -294,8 +291,18 @@ class _System:
             signals = [exact(states), self.q(rows), exact(self.p[rows])]
             if needs_rate(block):
                 signals.append(self._rate(rows))
-            z = Ball(*([row for part in parts for row in part] for parts in zip(*signals, strict=True)))
+            z = _stack(*signals)
             yield _product(_turned(z), _product(exact(constraint_form(block, item)), z))
+
+
+def _slices(start: int, sizes: list[int]) -> list[slice]:
+    """Return consecutive slices of these sizes."""
+    return [slice(start + sum(sizes[:i]), start + sum(sizes[: i + 1])) for i in range(len(sizes))]
+
+
+def _stack(*parts: Ball) -> Ball:
+    """Return matrices below each other."""
+    return Ball(*([row for half in halves for row in half] for halves in zip(*parts, strict=True)))
 
 
 def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:

@@ -258,8 +258,8 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any], share: Fracti
 def _prove_constrained(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
     """Prove an L2 gain with parts of which only integral quadratic constraints are known; see `quadratic_constraints`.
 
-    The system and the filters are stable alone, parts are well posed in their order, and the inequality holds: theorem
-    1 of Megretski and Rantzer (1997) then joins them to a stable loop, and the integral of its form bounds the gain.
+    The system and the filters are stable alone, parts are well posed in their order, and the inequality holds. Theorem
+    1 of Megretski and Rantzer (1997) then joins them to a stable loop. The integral of the form bounds the gain.
     """
     if not is_positive_definite(lyapunov_matrix(evidence, evidence["stability"])):
         raise Refusal("the matrix of stability is not positive definite")

@@ -31,8 +31,8 @@ from gustproof.lti.rational import (
 )
 
 LEAD, LAG = Fraction(1414, 10000), Fraction(6425, 10000)
-"""Coefficients c and b of `W(s) = s (1 + 2 c s) / (1 + b s + c s^2)`, which covers the delays of up to 1 s: for all
-frequencies |W| is at least |exp(-j omega theta) - 1|, theta in [0, 1]."""
+"""Coefficients c and b of `W(s) = s (1 + 2 c s) / (1 + b s + c s^2)`, which covers the delays of up to 1 s. For
+all frequencies |W| is at least |exp(-j omega theta) - 1|, theta in [0, 1]."""
 
 
 class Filter(NamedTuple):
@@ -232,20 +232,29 @@ def _check_slope(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
         raise Refusal(f"block {block['name']} is neither odd nor not: 'odd' must be true or false")
     taken = [Fraction(0)] * block["size"]
     for name in ("causal", "anticausal"):
-        rows = to_rational(multipliers[name])
-        if len(rows) != len(block["poles"]) or any(len(row) != block["size"] for row in rows):
-            raise Refusal(f"{name} of block {block['name']} does not have the size of poles and channels")
-        if not block["odd"] and any(value < 0 for row in rows for value in row):
-            raise Refusal(f"{name} of block {block['name']} is negative, which only an odd function allows")
+        rows = _read_impulses(block, name, multipliers[name])
         taken = [sum(map(abs, column), start) for start, *column in zip(taken, *rows, strict=True)]
     if any(used > Fraction(whole) for used, whole in zip(taken, multipliers["T"], strict=True)):
         raise Refusal(f"the multiplier of block {block['name']} is larger than the slope allows")
 
 
+def _read_impulses(block: dict[str, Any], name: str, values: Any) -> RationalMatrix:
+    """Return the multipliers of the impulse responses, by poles and channels."""
+    rows = to_rational(values)
+    if len(rows) != len(block["poles"]) or any(len(row) != block["size"] for row in rows):
+        raise Refusal(f"{name} of block {block['name']} does not have the size of poles and channels")
+    if not block["odd"] and min(map(min, rows), default=Fraction(0)) < 0:
+        raise Refusal(f"{name} of block {block['name']} is negative, which only an odd function allows")
+    return rows
+
+
 def _slope_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
     """Return the form of Zames and Falb for `p_i = phi_i(q_i)`, slopes in [0, 1], with e = q - p.
 
-    With F = a / (s + a) for each pole, and by channel: 2 (T p e - sum c p (F e) - sum d e (F p)), sum |c| + |d| <= T.
+    With F = a / (s + a) for each pole, by channel:
+
+        2 (T p e - sum c p (F e) - sum d e (F p)), sum |c| + |d| <= T.
+
     The impulse response of F is positive and its integral 1, so that T less the two sums is a multiplier of theirs.
     """
     size, poles = block["size"], len(block["poles"])

@@ -195,8 +195,8 @@ def certify_lft(
     Raises
     ------
     ValueError
-        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at Delta = 0, lacks a
-        block named in `speeds` or `parts`, or has a block that is neither a real parameter nor a part. If it is not
+        If the level is not positive, or a block's name no word. If the loop is discrete or unstable at Delta = 0. If
+        `speeds` or `parts` name no block, or a block is neither a real parameter nor a part. If the loop is not
         stable with a sector or slope of 1: a saturated loop with a pole on the axis has no gain.
 
     References
@@ -216,11 +216,7 @@ def certify_lft(
         raise ValueError(f"level is {level}, must be positive")
     bounds = _speed_bounds(loop, speeds)
     _check_parts(loop, speeds, parts or {})
-    multipliers: Multipliers | RateBoundedMultipliers | ConstrainedMultipliers | None
-    if parts:
-        multipliers = constrained_multipliers(loop, parts)
-    else:
-        multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
+    multipliers = _find_multipliers(loop, speeds, parts)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
@@ -237,6 +233,14 @@ def certify_lft(
         evidence=evidence,
         residual=None if wanted is None or not evidence else _residual(wanted, evidence),
     )
+
+
+def _find_multipliers(
+    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None
+) -> Multipliers | RateBoundedMultipliers | ConstrainedMultipliers | None:
+    if parts:
+        return constrained_multipliers(loop, parts)
+    return best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, _speed_bounds(loop, speeds))
 
 
 def derived_loop(

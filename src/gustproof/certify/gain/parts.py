@@ -105,7 +105,7 @@ class Sector:
 
 
 Part = Delay | Slope | Sector
-"""What a block of a loop may be, other than a real parameter."""
+"""A block of a loop that is no real parameter."""
 
 
 def _linear_members(omega: Matrix) -> ComplexMatrix:
