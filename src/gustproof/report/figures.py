@@ -249,17 +249,22 @@ def _draw_stacked(
             axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):
         _style_axes(axes, f"{label}\nrms of 1 s" if many else label)
-        if many:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
-            axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+    for axes in rows if many else ():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
     rows[-1].set_xlabel("time [s]")
     rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
+    _add_legend(figure, flights)
+    save_figure(figure, path)
+
+
+def _add_legend(figure: Figure, flights: Flights) -> None:
+    """Name the laws below the axes, unless none has a name."""
     if any(flights):
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
         across = 3 if is_paper() else 6
         figure.legend(lines, list(flights), loc="outside lower center", ncols=across, frameon=False)
-    save_figure(figure, path)
 
 
 def _rms_by_second(time: Array, columns: Array) -> tuple[Array, Array]:

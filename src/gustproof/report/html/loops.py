@@ -22,7 +22,7 @@ from gustproof.report.html.charts import (
     frequency_chart,
     merge_curves,
 )
-from gustproof.report.html.limits import Mark
+from gustproof.report.html.marks import Mark
 from gustproof.report.html.runs import ReportRun
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, Weight

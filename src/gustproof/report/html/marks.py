@@ -41,13 +41,16 @@ def _marks(run: ReportRun, title: str, k: int) -> Iterator[Mark]:
     if title == "Saturation":
         yield Mark(label="torque limit", y=1.0)
     for required in run.scenario.require:
-        if required.axis is not None and AXES.index(required.axis) != k:
-            continue
-        if title == "Attitude":
-            yield from _attitude_marks(run.scenario, required, k)
-        if title == "Commanded torque" and required.metric is Metric.TORQUE_PEAK and required.at_most is not None:
-            window, label = _window(run.scenario, required), f"peak ≤ {required.at_most:g}"
-            yield from (Mark(label=label, x=window, y=sign * required.at_most) for sign in (1.0, -1.0))
+        if required.axis is None or AXES.index(required.axis) == k:
+            yield from _required_marks(run.scenario, required, title, k)
+
+
+def _required_marks(scenario: Scenario, required: Requirement, title: str, axis: int) -> Iterator[Mark]:
+    if title == "Attitude":
+        yield from _attitude_marks(scenario, required, axis)
+    if title == "Commanded torque" and required.metric is Metric.TORQUE_PEAK and required.at_most is not None:
+        window, label = _window(scenario, required), f"peak ≤ {required.at_most:g}"
+        yield from (Mark(label=label, x=window, y=sign * required.at_most) for sign in (1.0, -1.0))
 
 
 def _attitude_marks(scenario: Scenario, required: Requirement, axis: int) -> Iterator[Mark]:
