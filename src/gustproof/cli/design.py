@@ -1,5 +1,6 @@
 """The command `gustproof design`: from weights to a law file."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -99,12 +100,17 @@ def design(
             save_design_figure(report, figure)
     if as_json:
         print_json(report.to_dict())
-    else:
-        show(render_design(report))
-        if output is not None:
-            print(f"law in {output}, singular values in {figure}")
-        elif figure is not None:
-            print(f"singular values in {figure}")
+        return
+    show(render_design(report))
+    if told := ", ".join(_files(output, figure)):
+        print(told)
+
+
+def _files(law: Path | None, figure: Path | None) -> Iterator[str]:
+    """Yield what stands in the written files."""
+    for what, path in (("law", law), ("singular values", figure)):
+        if path is not None:
+            yield f"{what} in {path}"
 
 
 def _check_method(method: Method, order: int | None, gamma: float | None, backoff: float | None) -> None:

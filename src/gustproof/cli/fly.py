@@ -213,10 +213,14 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
                 plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
             )
         if page:
-            report = shlex.join(["gustproof", "report", str(result.bag), "-o", "report.html"])
-            again = shlex.join(["gustproof", *sys.argv[1:]])  # refused where it would write over this flight
-            page.end(result.message, result.records, [report, again] if result.bag else [again])
+            page.end(result.message, result.records, _next_commands(result))
     return result
+
+
+def _next_commands(flight: "Flight") -> list[str]:
+    """Return the commands that report a flight and fly it again; a flight that is recorded is not written over."""
+    report = shlex.join(["gustproof", "report", str(flight.bag), "-o", "report.html"])
+    return [report] * (flight.bag is not None) + [shlex.join(["gustproof", *sys.argv[1:]])]
 
 
 def load_script(scenario: str | None, *, free: bool) -> "Scenario":

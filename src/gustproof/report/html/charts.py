@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from firmware_model.config.vehicle import MOST_ROTORS
-from gustproof.report.html.limits import Mark, limit_marks
+from gustproof.report.html.marks import Mark, limit_marks
 from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
 from gustproof.types import Array

@@ -17,8 +17,8 @@ import numpy as np
 
 from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
-from gustproof.report.html.limits import Mark, time_bands
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.marks import Mark, time_bands
 from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.html.tables import render_flights, render_margins, render_requirements, render_tiles
