@@ -1,7 +1,7 @@
 """The command `gustproof design`: from weights to a law file."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -171,12 +171,17 @@ def design(
             save_design_figure(report, figure)
     if as_json:
         print_json({**report.to_dict(), "method": method.value})
-    else:
-        show(render_design(report))
-        if output is not None:
-            print(f"law in {output}, singular values in {figure}")
-        elif figure is not None:
-            print(f"singular values in {figure}")
+        return
+    show(render_design(report))
+    if told := ", ".join(_files(output, figure)):
+        print(told)
+
+
+def _files(law: Path | None, figure: Path | None) -> Iterator[str]:
+    """Yield what stands in the written files."""
+    for what, path in (("law", law), ("singular values", figure)):
+        if path is not None:
+            yield f"{what} in {path}"
 
 
 def _choose_solver(

@@ -75,6 +75,11 @@ def font_size(points: float) -> float:
     return min(points, 7.0) if is_paper() else points
 
 
+def legend_columns() -> int:
+    """Return the number of columns of a legend below a figure."""
+    return 3 if is_paper() else 6
+
+
 def new_figure(size: tuple[float, float], title: str, *, colour: str) -> "Figure":
     """Return a figure of `size` [in]; in a paper as wide as a column, and without a title."""
     from matplotlib.figure import Figure

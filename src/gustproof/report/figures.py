@@ -16,7 +16,7 @@ from gustproof.analysis.hover_loop import HoverLoop
 from gustproof.analysis.placement import ErrorLimits, Places
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.performance.tradeoff import TradeOff
-from gustproof.report.figure_style import font_size, is_paper, new_figure, panels, save_figure
+from gustproof.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
 from gustproof.scoring.metrics import Metrics, attitude
 from gustproof.synthesis.tune import Tuning
 from gustproof.types import Array, Records
@@ -248,23 +248,23 @@ def _draw_stacked(
         for i, axes in enumerate(rows):
             axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):
-        _style_axes(axes, f"{label}\nrms of 1 s" if many else label)
-    for axes in rows if many else ():
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
-        axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+        _style_axes(axes, label)
+        if many:
+            _style_rms(axes, label)
     rows[-1].set_xlabel("time [s]")
     rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
-    _add_legend(figure, flights)
+    if any(flights):
+        lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
+        figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
     save_figure(figure, path)
 
 
-def _add_legend(figure: Figure, flights: Flights) -> None:
-    """Name the laws below the axes, unless none has a name."""
-    if any(flights):
-        lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
-        across = 3 if is_paper() else 6
-        figure.legend(lines, list(flights), loc="outside lower center", ncols=across, frameon=False)
+def _style_rms(axes: Axes, label: str) -> None:
+    """Make the axis of an rms logarithmic, with plain numbers."""
+    axes.set_ylabel(f"{label}\nrms of 1 s")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+    axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
 
 
 def _rms_by_second(time: Array, columns: Array) -> tuple[Array, Array]:

@@ -86,7 +86,7 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     """Return the gain of each axis' loop, with the crossovers."""
     charts = []
     for k, axis in enumerate(_AXES):
-        gains = [_decibels(np.clip(np.abs(law.hover.loop[:, k]), 1e-4, 1e4)) for law in laws]
+        gains = [_decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
         curves = tuple(
             Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
             for law, gain in zip(laws, gains, strict=True)
@@ -109,6 +109,11 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
 def _peak_mark(law: ReportLaw, name: str) -> Mark:
     peak = float(np.max(law.hover.sensitivities[name]))
     return Mark(label=f"{peak:.2f}", y=20.0 * math.log10(peak), colour=law.colour)
+
+
+def _within(gains: Matrix) -> Matrix:
+    """Return gains, NaN beyond 80 dB."""
+    return np.where((gains > 1e-4) & (gains < 1e4), gains, np.nan)
 
 
 def _decibels(gains: Matrix) -> Matrix:

@@ -40,15 +40,15 @@ def _marks(run: ReportRun, title: str, k: int) -> Iterator[Mark]:
         yield from (Mark(label=f"torque limit {limit:g}", y=sign * limit) for sign in (1.0, -1.0))
     if title == "Saturation":
         yield Mark(label="torque limit", y=1.0)
-    for required in run.scenario.require:
-        if required.axis is None or AXES.index(required.axis) == k:
-            yield from _required_marks(run.scenario, required, title, k)
+    marks = {"Attitude": _attitude_marks, "Commanded torque": _torque_marks}.get(title)
+    for required in run.scenario.require if marks else ():
+        if marks and required.axis in (None, AXES[k]):
+            yield from marks(run.scenario, required, k)
 
 
-def _required_marks(scenario: Scenario, required: Requirement, title: str, axis: int) -> Iterator[Mark]:
-    if title == "Attitude":
-        yield from _attitude_marks(scenario, required, axis)
-    if title == "Commanded torque" and required.metric is Metric.TORQUE_PEAK and required.at_most is not None:
+def _torque_marks(scenario: Scenario, required: Requirement, _: int) -> Iterator[Mark]:
+    """Yield the peak of a torque's requirement [N*m], on both sides of 0."""
+    if required.metric is Metric.TORQUE_PEAK and required.at_most is not None:
         window, label = _window(scenario, required), f"peak ≤ {required.at_most:g}"
         yield from (Mark(label=label, x=window, y=sign * required.at_most) for sign in (1.0, -1.0))
 

@@ -40,27 +40,25 @@ def render_tiles(runs: Sequence[ReportRun]) -> str:
 
     Only flights of one scenario, vehicle and seed are compared, and only those to the end can be best.
     """
-    is_fair = all(
-        (run.scenario, run.vehicle, run.seed) == (runs[0].scenario, runs[0].vehicle, runs[0].seed) for run in runs
-    )
-    tiles = [
-        _render_tile(f"{heading} <small>{escape(FIGURES[name][1])}</small>", _figure_lines(runs, name, is_fair=is_fair))
-        for heading, name in _TILES
-    ]
+    own = [(run.scenario, run.vehicle, run.seed) for run in runs]
+    is_fair = all(each == own[0] for each in own)
+    tiles = [_figure_tile(runs, heading, name, is_fair=is_fair) for heading, name in _TILES]
     if any(run.requirements for run in runs):
         tiles.append(_render_tile("Requirements", [_requirements_line(i, run) for i, run in enumerate(runs)]))
     return f'<div class="tiles">{"".join(tiles)}</div>'
 
 
-def _figure_lines(runs: Sequence[ReportRun], name: str, *, is_fair: bool) -> Iterator[str]:
-    """Yield a figure of each flight, its ratio to the first flight's, and a mark on the best."""
+def _figure_tile(runs: Sequence[ReportRun], heading: str, name: str, *, is_fair: bool) -> str:
     values = [getattr(run.metrics, name, math.nan) for run in runs]
     whole = {v for v, run in zip(values, runs, strict=True) if run.has_expected_outcome and math.isfinite(v)}
     best = min(whole) if is_fair and len(whole) > 1 else math.nan
+    lines = []
     for i, (run, value) in enumerate(zip(runs, values, strict=True)):
-        ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 and math.isfinite(value) else ""
+        ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 else ""
         mark = " class='best'" if value == best else ""
-        yield f"<li{mark}>{render_chip(i, run.label)}<b>{_format_value(value, 3)}</b><small>{ratio}</small></li>"
+        text = f"<b>{_format_value(value, 3)}</b><small>{ratio}</small>"
+        lines.append(f"<li{mark}>{render_chip(i, run.label)}{text}</li>")
+    return _render_tile(f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines)
 
 
 def _render_tile(heading: str, lines: Iterable[str]) -> str:
