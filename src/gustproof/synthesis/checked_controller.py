@@ -22,7 +22,7 @@ class CheckedController:
     omega: float
     """[rad/s] frequency of that norm."""
     checks: tuple[str, ...] = ()
-    """What was checked of the closed loop, a sentence each."""
+    """Checks of the closed loop, a sentence each."""
 
     @property
     def K(self) -> "control.StateSpace":
