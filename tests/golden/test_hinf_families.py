@@ -1,4 +1,4 @@
-"""Three hundred plants of seven kinds: what breaks other programs, judged by levels computed in 70 digits.
+"""Three hundred plants of seven kinds: what breaks other programs, judged by levels computed in 90 digits.
 
 The gate solves every ninth; all of them with `HINF_PLANTS=all pytest tests/golden/test_hinf_families.py`. The levels
 are saved; to make them again, run `python tests/golden/test_hinf_families.py`, with python-flint installed.
@@ -27,8 +27,8 @@ TOLD = 1e-4
 """Relative error of a least level that is allowed."""
 NEAR_ZERO = 1e-6
 """A level below this part of the gain from w to z is 0 or rounding."""
-BEYOND_DOUBLES = 1e8
-"""A level above this may be refused: so unstable a plant leaves a double no digit of the loop."""
+BEYOND_DOUBLES = 1e6
+"""A level above this may be refused if the plant is very unstable: doubles then have too few digits of the loop."""
 KINDS = ("generic", "damped", "non-minimal", "scaled", "unstable", "near-axis zero", "singular")
 
 
@@ -147,13 +147,13 @@ CHANGES = dict(
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_level_is_that_of_seventy_digits_and_the_loop_keeps_it(seed):
+def test_level_is_that_of_ninety_digits_and_the_loop_keeps_it(seed):
     P, n_meas, n_con = plant_of(seed)
     level = GOLDEN["plants"][seed]["level"]
     try:
         result = hinfsyn(P, n_meas, n_con, regularize=True)
     except DesignError:
-        assert level > 1e-2 * BEYOND_DOUBLES
+        assert level > BEYOND_DOUBLES
         assert kind_of(seed) == "unstable"
         return
     p1, m1 = P.n_outputs - n_meas, P.n_inputs - n_con
@@ -248,7 +248,7 @@ def _is_feasible(flint, A, B, C, D, m1, p1, gamma):
 
 
 def reference_level(seed: int) -> float:
-    """Return the least level of a plant, by bisection in 70 digits; of a singular one, regularised by 1e-12."""
+    """Return the least level of a plant, by bisection in 90 digits; of a singular one, regularised by 1e-12."""
     import flint
 
     flint.ctx.dps = 90
@@ -259,7 +259,6 @@ def reference_level(seed: int) -> float:
     floors = (left.T @ D[:p1, :m1], D[:p1, :m1] @ right)
     low = max([1e-12, *(np.linalg.norm(part, 2) for part in floors if part.size)])
     if kind_of(seed) == "singular":
-        low = 1e-12
         A, B, C, D = regularized(P, n_meas, n_con)
         m1, p1 = B.shape[1] - n_con, C.shape[0] - n_meas
     parts = tuple(_matrix(flint, M) for M in (A, B, C, D))

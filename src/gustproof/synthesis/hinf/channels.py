@@ -17,6 +17,8 @@ _SWEEPS = 30
 
 _BADLY_SCALED = 1e4
 """[-] spread of the states' units from which a plant is solved in better ones; below it, only if its own fail."""
+_ALIKE = 1e6
+"""[-] largest ratio of two rows or columns of the states for which no better units are sought first."""
 
 Found = TypeVar("Found")
 
@@ -66,19 +68,30 @@ def solve_in_best_units(P: Lti, n_meas: int, n_con: int, solve: Callable[[Lti, U
 
     The first error counts if both fail.
     """
-    own, better = own_units(P, n_meas, n_con), find_units(P, n_meas, n_con)
-    if better.spread > _BADLY_SCALED:
-        return solve(better.apply(P, n_meas, n_con), better)
+    own = own_units(P, n_meas, n_con)
+    if not _looks_well_scaled(P, n_meas, n_con):
+        better = find_units(P, n_meas, n_con)
+        if better.spread > _BADLY_SCALED:
+            return solve(better.apply(P, n_meas, n_con), better)
     try:
         return solve(P, own)
     except (DesignError, np.linalg.LinAlgError, OverflowError) as failure:
-        if better.is_identity:
-            raise
         refusal = failure
+    better = find_units(P, n_meas, n_con)
+    if better.is_identity:
+        raise refusal
     try:
         return solve(better.apply(P, n_meas, n_con), better)
     except (DesignError, np.linalg.LinAlgError, OverflowError):
         raise refusal from None
+
+
+def _looks_well_scaled(P: Lti, n_meas: int, n_con: int) -> bool:
+    """Return True if rows and columns of the states are of like size, so that no search for units is worth its time."""
+    into = np.linalg.norm(np.hstack([P.A, P.B[:, :-n_con]]), axis=1)
+    out = np.linalg.norm(np.vstack([P.A, P.C[:-n_meas]]), axis=0)
+    sizes = np.concatenate([into, out])[np.concatenate([into, out]) > 0.0]
+    return bool(sizes.size == 0 or sizes.max() <= _ALIKE * sizes.min())
 
 
 def own_units(P: Lti, n_meas: int, n_con: int) -> Units:
