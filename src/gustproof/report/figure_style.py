@@ -8,8 +8,6 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from firmware_model.config.files import naming
 
 if TYPE_CHECKING:
@@ -96,7 +94,7 @@ def panels(figure: "Figure", rows: int, columns: int, **shared: Any) -> list["Ax
     if is_paper() and columns > 1:
         rows, columns = rows * columns, 1
         figure.set_size_inches(_COLUMN_IN, min(1.4 * rows + 0.4, 9.5))
-    return [*np.ravel(figure.subplots(rows, columns, **shared))]
+    return [*figure.subplots(rows, columns, squeeze=False, **shared).ravel()]
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
@@ -123,5 +121,5 @@ def save_data(figure: "Figure", path: Path) -> None:
                     continue
                 name = str(line.get_label())
                 named = "" if name.startswith("_") else name
-                xs, ys = (np.asarray(values, dtype=float).tolist() for values in line.get_data())
+                xs, ys = ([float(value) for value in values] for values in line.get_data())
                 table.writerows((number + 1, named, *labels, x, y) for x, y in zip(xs, ys, strict=True))

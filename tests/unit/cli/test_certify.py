@@ -139,9 +139,10 @@ def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", certify_gain)
     assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "rate_bounded": True, "level": 0.3}
+    plain: dict[str, object] = {"angle": 0.01, "rate": 0.01, "delay": None, "saturation": None}
+    assert asked == {**plain, "scheduled": False, "rate_bounded": True, "level": 0.3}
     assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "rate_bounded": False, "level": None}
+    assert asked == {**plain, "scheduled": True, "rate_bounded": False, "level": None}
 
 
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
