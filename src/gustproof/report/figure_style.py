@@ -111,6 +111,8 @@ def save_figure(figure: "Figure", path: Path) -> None:
 
 def save_data(figure: "Figure", path: Path) -> None:
     """Write the curves of a figure: panel, curve, label of x, label of y, x, y in each row."""
+    import numpy as np
+
     with naming(path), path.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(("panel", "curve", "x_label", "y_label", "x", "y"))
@@ -121,5 +123,5 @@ def save_data(figure: "Figure", path: Path) -> None:
                     continue
                 name = str(line.get_label())
                 named = "" if name.startswith("_") else name
-                xs, ys = ([float(value) for value in values] for values in line.get_data())
-                table.writerows((number + 1, named, *labels, x, y) for x, y in zip(xs, ys, strict=True))
+                points = np.asarray(line.get_xydata(), dtype=float).tolist()
+                table.writerows((number + 1, named, *labels, *point) for point in points)
