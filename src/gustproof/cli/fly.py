@@ -268,7 +268,7 @@ def _find_pilot(
     from gustproof.simulate.flight import check
 
     if controller is not None and law is not None:
-        raise ConfigError("--controller flies in place of a law; 'law' cannot be given with it")
+        raise ConfigError("--controller flies in place of a law; --law cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
     flown: Pilot
     if controller is not None:

@@ -124,10 +124,11 @@ def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None
     ConfigError
         If one of them is given.
     """
+    written = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
+            raise ConfigError(f"{why}; {written[name]} cannot be given with it")
 
 
 def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:

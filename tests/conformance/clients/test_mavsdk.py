@@ -75,7 +75,7 @@ def test_attitude_and_torque_setpoints_take_turns(stand, run_program):
         facts = run_program(PROGRAM, "alternate_setpoints", vehicle.off_board, timeout_s=150.0)
         rejected = vehicle.stop()["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]
     assert [phase["modes"] for phase in facts["phases"]] == [["OFFBOARD"]] * 3
-    assert not any("fail-safe" in text for text in facts["texts"])
+    assert not any("failsafe" in text for text in facts["texts"])
     assert rejected == {}
     echoed = ["ATTITUDE_TARGET", "ACTUATOR_CONTROL_TARGET", "ATTITUDE_TARGET"]
     for phase, wanted in zip(facts["phases"], echoed, strict=True):

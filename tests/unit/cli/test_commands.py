@@ -97,7 +97,7 @@ def test_help_loads_nothing_heavy():
         (("tune", "iris", "--scenario", "calm"), "'calm' has no turbulence"),
         (("tune", "iris", "-o", "law.params"), "a law file ends in .json"),
         (("tune", "iris", "--for", "px4", "-o", "my.json"), "my.json: a parameter file ends in .params"),
-        (("tune", "iris", "--for", "px4", "--law", "pid"), "'law' cannot be given with it"),
+        (("tune", "iris", "--for", "px4", "--law", "pid"), "--law cannot be given with it"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
         (("design", "D1", "--gamma", "0.1"), "gamma"),

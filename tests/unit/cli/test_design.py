@@ -76,12 +76,12 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("D2", "--method", "ncfsyn", "--order", "3"), "'order' cannot be given with it"),
-        (("D2", "--method", "h2syn", "--gamma", "1"), "'gamma' cannot be given with it"),
+        (("D2", "--method", "ncfsyn", "--order", "3"), "--order cannot be given with it"),
+        (("D2", "--method", "h2syn", "--gamma", "1"), "--gamma cannot be given with it"),
         (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
         (("D2", "--method", "musyn"), "needs --angle-rad and --rate-rad-s"),
         (("D2", "--method", "musyn", "--angle-rad", "2", "--rate-rad-s", "1"), "below pi/2"),
-        (("D2", "--angle-rad", "0.1"), "'angle' cannot be given with it"),
+        (("D2", "--angle-rad", "0.1"), "--angle-rad cannot be given with it"),
         (("D2", "--method", "hinfstruct"), "needs --order"),
         (("D2", "--method", "ncfsyn", "--crossover", "0"), "--crossover: is 0.0, must be positive"),
         (("R1", "--method", "ncfsyn"), "shapes the loop from torque to gyro"),

@@ -61,10 +61,10 @@ def test_a_self_scheduled_law_needs_an_attitude_and_a_rate():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--method", "hinfstruct"), "go together"),
-        (("--order", "6"), "go together"),
+        (("--method", "hinfstruct"), "needs --order"),
+        (("--order", "6"), "--order cannot be given with it"),
         (("--method", "hinfstruct", "--order", "7"), "can't be shared out among 3 axes"),
-        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma and --backoff cannot set it"),
+        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma cannot be given with it"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(options, words):
