@@ -1,6 +1,6 @@
 """Multipliers that bound an L2 gain with delays, sectors and slopes, from one linear matrix inequality."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,15 +14,12 @@ from gustproof.certify.gain.multipliers import (
     balancing_transform,
     basis,
     least_level,
-    minimize,
-    svec,
+    solve_level,
 )
 from gustproof.certify.gain.parts import Delay, Part, Slope
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
 
-_STRICTNESS = 1e-7
-"""[-] least margin of each inequality in the balanced loop while the solver minimises the level."""
 _BACKOFF = 1.001
 """[-] multiple of the least level at which the margin of the inequalities is then maximised."""
 
@@ -186,28 +183,11 @@ class _Program:
 
     def solve(self, square: float | None) -> Matrix:
         """Return the unknowns of the least level or, for a given `square` of the level, of the largest margin."""
-        terms, constant, columns = self.terms, self.constant, len(self.terms)
-        if square is not None:
-            terms, constant = terms[:-1], constant + square * terms[-1]
-        whole = np.zeros((len(svec(constant)), columns))
-        whole[:, : len(terms)] = np.column_stack([svec(term) for term in terms])
-        parts, bounds, column = [whole], [-constant], self.n * (self.n + 1) // 2
+        cones, column = list[tuple[int, Sequence[Matrix]]](), self.n * (self.n + 1) // 2
         for one in self._unknowns:
-            for cone in one.cones:
-                part = np.zeros((len(svec(cone[0])), columns))
-                part[:, column : column + len(one)] = -np.column_stack([svec(S) for S in cone])
-                parts.append(part)
-                bounds.append(np.zeros_like(cone[0]))
+            cones += [(column, cone) for cone in one.cones]
             column += len(one)
-        for k, bound in enumerate(bounds):
-            margin = np.eye(len(bound))
-            if square is None:
-                bounds[k] = bound - _STRICTNESS * margin
-            else:
-                parts[k][:, -1] = svec(margin)
-        cost = np.zeros(columns)
-        cost[-1] = 1.0 if square is None else -1.0
-        return minimize(cost, np.vstack(parts), bounds)
+        return solve_level(self.terms, self.constant, cones, square)
 
     def form(self, solution: Matrix) -> Matrix:
         """Return the form at a solution, without the level."""

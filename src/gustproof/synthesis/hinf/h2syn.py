@@ -8,9 +8,9 @@ from gustproof.errors import DesignError
 from gustproof.lti.norms import h2_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, lft
 from gustproof.synthesis.checked_controller import CheckedController
-from gustproof.synthesis.hinf.channels import Units, find_units, own_units, solve_in_best_units
-from gustproof.synthesis.hinf.conditions import SingularProblemError, normalize, require_sizes
-from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, regularized, solve_regularized
+from gustproof.synthesis.hinf.channels import Units, solve_in_best_units
+from gustproof.synthesis.hinf.conditions import normalize, require_sizes
+from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, solve_or_regularize
 from gustproof.synthesis.hinf.riccati_half import riccati_data, solve_riccati
 
 _AGREEMENT = 1e-6
@@ -86,16 +86,8 @@ def _solve_plant(plant: Lti, sizes: tuple[int, int], *, regularize: bool) -> H2R
     def solve(image: Lti, units: Units) -> H2Result:
         return solve_in_best_units(image, *sizes, lambda scaled, more: _solve(plant, scaled, units * more))
 
-    try:
-        return solve(plant, own_units(plant, *sizes))
-    except SingularProblemError as fault:
-        if not regularize:
-            raise
-        refusal = fault
-    units = find_units(plant, *sizes)
-    scaled = units.apply(plant, *sizes)
-    result, weight, excess = solve_regularized(
-        lambda weight: solve(regularized(scaled, *sizes, weight), units), lambda result: result.gamma, refusal
+    result, weight, excess = solve_or_regularize(
+        plant, sizes, solve, lambda result: result.gamma, regularize=regularize
     )
     return replace(result, regularization=weight, gamma_excess=excess)
 

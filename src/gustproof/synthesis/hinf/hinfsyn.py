@@ -8,11 +8,11 @@ import numpy as np
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti
 from gustproof.synthesis.checked_controller import CheckedController
-from gustproof.synthesis.hinf.channels import Units, find_units, own_units, solve_in_best_units
+from gustproof.synthesis.hinf.channels import Units, solve_in_best_units
 from gustproof.synthesis.hinf.closed_loop import loop_norm
-from gustproof.synthesis.hinf.conditions import NormalizedPlant, SingularProblemError, normalize, require_sizes
+from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize, require_sizes
 from gustproof.synthesis.hinf.discrete_image import continuous_image, discrete_original
-from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, regularized, solve_regularized
+from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, solve_or_regularize
 from gustproof.synthesis.hinf.riccati_half import RiccatiData, has_no_solution, riccati_data, solve_riccati
 
 _RESOLUTION = 1e-7
@@ -153,19 +153,12 @@ class _Design(NamedTuple):
 
     def solve(self, *, regularize: bool) -> HinfResult:
         """Return the controller of the plant, or of the least regularisation that is useful."""
-        image, sizes = continuous_image(self.plant), (self.n_meas, self.n_con)
-        try:
-            return self._solve_image(image, own_units(image, *sizes))
-        except SingularProblemError as fault:
-            if not regularize:
-                raise
-            refusal = fault
-        units = find_units(image, *sizes)
-        scaled = units.apply(image, *sizes)
-        result, weight, excess = solve_regularized(
-            lambda weight: self._solve_image(regularized(scaled, *sizes, weight), units),
+        result, weight, excess = solve_or_regularize(
+            continuous_image(self.plant),
+            (self.n_meas, self.n_con),
+            self._solve_image,
             lambda result: result.gamma_opt,
-            refusal,
+            regularize=regularize,
         )
         return replace(result, regularization=weight, gamma_excess=excess)
 

@@ -7,6 +7,8 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti
+from gustproof.synthesis.hinf.channels import Units, find_units, own_units
+from gustproof.synthesis.hinf.conditions import SingularProblemError
 
 _WEIGHTS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 """[-] weights tried, in units in which the plant is of order 1."""
@@ -20,7 +22,31 @@ ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
 Found = TypeVar("Found")
 
 
-def solve_regularized(
+def solve_or_regularize(
+    plant: Lti,
+    sizes: tuple[int, int],
+    solve: Callable[[Lti, Units], Found],
+    level_of: Callable[[Found], float],
+    *,
+    regularize: bool,
+) -> tuple[Found, float, float]:
+    """Return what `solve` makes of a plant in its own units, or of the least useful regularisation of a singular one.
+
+    The weight and an estimate of what it adds to the level follow; both are 0 for a regular problem. `sizes` are the
+    numbers of measurements and controls.
+    """
+    try:
+        return solve(plant, own_units(plant, *sizes)), 0.0, 0.0
+    except SingularProblemError as fault:
+        if not regularize:
+            raise
+        refusal = fault
+    units = find_units(plant, *sizes)
+    scaled = units.apply(plant, *sizes)
+    return _regularize(lambda weight: solve(regularized(scaled, *sizes, weight), units), level_of, refusal)
+
+
+def _regularize(
     attempt: Callable[[float], Found], level_of: Callable[[Found], float], refusal: DesignError
 ) -> tuple[Found, float, float]:
     """Return what the least useful weight gives, that weight, and an estimate of what it adds to the level.
