@@ -70,6 +70,7 @@ def opened(browser, page):
 def drag(browser, chart, start, stop):
     """Drag the mouse across a chart, from one share of its width to another."""
     browser.run(f"charts.drawn[{chart}].plot.root.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    browser.run(FRAME)  # the small views that stay in sight move what is below them
     box = f"charts.drawn[{chart}].plot.over.getBoundingClientRect()"
     x, y, width, height = browser.run(f"[{box}.left, {box}.top, {box}.width, {box}.height]")
     middle = y + height / 2

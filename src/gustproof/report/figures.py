@@ -210,7 +210,7 @@ def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
             margins = hover.margins.input[i]
             label = f"{axis}: GM {20.0 * math.log10(margins.gain_margin):.1f} dB"
             told = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
-            for axes in (gain, phase):
+            for axes in (gain, phase) if 0.0 < margins.crossover < math.inf else ():
                 axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
         gain.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
         phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=told or axis)
@@ -220,7 +220,7 @@ def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
         peak = float(np.max(values))
         label = f"largest of {name}, peak {peak:.2f}"
         S.semilogx(hover.omega, _decibels(values), color=colour, linewidth=1.2, label=label)
-        S.axhline(20.0 * math.log10(peak), color=colour, linestyle=":", linewidth=0.9)
+        S.axhline(float(_decibels(np.array(peak))), color=colour, linestyle=":", linewidth=0.9)
     for axes, label, title in (
         (gain, "|L| [dB]", "loop at the plant's input"),
         (phase, "arg L [deg]", "loop at the plant's input"),

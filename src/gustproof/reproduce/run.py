@@ -188,6 +188,7 @@ def reproduce(
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
+    progress(1.0, "written")
     return reproduction
 
 
