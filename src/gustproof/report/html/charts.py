@@ -132,6 +132,8 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
         charts = []
         for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
             known = [i for i in order if _is_known(columns[i], k)]
+            if not known:
+                continue
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
             references = _reference_curves(runs, k) if title == "Attitude" else ()
             drawn = (*curves, *references)
@@ -161,8 +163,9 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
                 if np.all(density[:, k] > 0.0)
             ]
             label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"
-            charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
-        if any(chart.curves for chart in charts):
+            if curves:
+                charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
+        if charts:
             groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
     return tuple(groups)
 
