@@ -31,7 +31,7 @@ from firmware_model.recording.journal import JournalWriter, record_type
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from firmware_model.sim.vehicle_loop import VehicleLoop
+from firmware_model.sim.vehicle_loop import VehicleLoop, is_cold
 from firmware_model.types import LevelFlight
 
 # PX4's ports in simulation, where its clients look: (own, remote) for ground stations and for off-board control.
@@ -100,6 +100,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
         signal.signal(signal.SIGINT, lambda *_: endpoint.interrupt())
         signal.signal(signal.SIGTERM, lambda *_: endpoint.interrupt())
         # Load or compile the machine code before a peer waits for it.
+        _tell_compiling(silent=options.json or not interactive)
         VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
@@ -111,6 +112,11 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
     facts = summarize(endpoint, None if interactive else scenario.samples, fifo=fifo)
     _print_facts(options, facts, status_line.format_summary(facts))
     return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED)
+
+
+def _tell_compiling(*, silent: bool) -> None:
+    if not silent and is_cold():
+        print("compiling, once after an installation", file=sys.stderr, flush=True)
 
 
 def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:

@@ -82,7 +82,7 @@ class TransitionResult(Enum):
 
     ACCEPTED = "accepted"
     """Done, or already the case."""
-    NO_STREAM = "no off-board set-points: OFFBOARD refused"
+    NO_STREAM = "OFFBOARD rejected: no set-points"
     """OFFBOARD, or arming in it, without a live stream."""
     IN_FLIGHT = "in the air: land first, or force it"
     """Disarming in the air."""
@@ -105,11 +105,11 @@ class TransitionResult(Enum):
 class AutopilotEvent(Enum):
     """Event that no request caused; each value is a text of at most 50 characters, the length of STATUSTEXT."""
 
-    LOST_STABILIZED = "set-points stopped: fail-safe to STABILIZED"
+    LOST_STABILIZED = "set-points lost: failsafe STABILIZED"
     """The stream stopped in OFFBOARD; the vehicle levels."""
-    LOST_LAND = "set-points stopped: fail-safe to LAND"
+    LOST_LAND = "set-points lost: failsafe LAND"
     """The stream stopped in OFFBOARD; the vehicle lands."""
-    LOST_HOLD = "set-points stopped: fail-safe to HOLD"
+    LOST_HOLD = "set-points lost: failsafe HOLD"
     """The stream stopped in OFFBOARD; the vehicle stays in place."""
     LOST_ON_GROUND = "set-points stopped on the ground: HOLD"
     """The stream stopped in OFFBOARD before take-off."""

@@ -8,7 +8,7 @@ import json
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,8 @@ from typing import IO, Annotated, Any, TypeVar, cast
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 from pydantic_core import from_json, to_jsonable_python
 
-from firmware_model.config.validation import list_errors, sanitize_line
+from firmware_model.config.toml_lines import find_line
+from firmware_model.config.validation import did_you_mean, list_errors, sanitize_line
 from firmware_model.errors import ConfigError, ConfigErrors
 
 Parsed = TypeVar("Parsed")
@@ -172,7 +173,8 @@ def read_toml(
         If there is no such file, it is not TOML, or a key or value is not allowed.
     """
     path = shipped_path(kind.__name__.lower(), name_or_path, folder)
-    return validate(kind, {"name": path.stem, **complete(read_document(path), path)}, str(path))
+    document = {"name": path.stem, **complete(read_document(path), path)}
+    return validate(kind, document, str(path), lambda key: find_line(read_text(path, _TOML), key))
 
 
 def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str = ".toml") -> Path:
@@ -187,8 +189,10 @@ def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str 
     if path.suffix == suffix:
         return path
     if str(name_or_path) not in (shipped := list_shipped(folder, suffix)):
-        name, known = sanitize_line(str(name_or_path)), ", ".join(shipped)
-        raise ConfigError(f"no {kind} named '{name}': give a {suffix} file or one of {known}")
+        name, near = sanitize_line(str(name_or_path)), did_you_mean(str(name_or_path), shipped)
+        instead = f"{near} Or" if near else ":"
+        listed = f"a name that `gustproof {kind} list` shows"
+        raise ConfigError(f"no {kind} named '{name}'{instead} give a {suffix} file, or {listed}")
     return folder / f"{name_or_path}{suffix}"
 
 
@@ -211,8 +215,13 @@ def read_json(kind: type[Parsed], name: str) -> Parsed | None:
         raise ConfigError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
 
 
-def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parsed:
-    """Return `document` as a validated `kind`.
+def validate(
+    kind: type[Parsed],
+    document: dict[str, Any],
+    source: str,
+    line_of: Callable[[Sequence[int | str]], int | None] = lambda _: None,
+) -> Parsed:
+    """Return `document` as a validated `kind`; `line_of` gives the line where a key stands, for errors.
 
     Raises
     ------
@@ -222,7 +231,7 @@ def validate(kind: type[Parsed], document: dict[str, Any], source: str) -> Parse
     try:
         parsed: Parsed = _type_adapter(cast(Any, kind)).validate_python(document)
     except ValidationError as error:
-        raise ConfigErrors(source, list_errors(kind, error.errors())) from None
+        raise ConfigErrors(source, list_errors(kind, error.errors(), line_of)) from None
     return parsed
 
 

@@ -1,9 +1,11 @@
 """Text of validation errors: for each, in one line, the key, the given value and what is allowed."""
 
 import argparse
+import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from typing import Any, NoReturn, get_args, get_type_hints
 
 _MAX_ERRORS = 20  # reported one by one
@@ -28,6 +30,24 @@ def sanitize_line(text: str) -> str:
     return shown if len(shown) <= _MAX_LENGTH else shown[: _MAX_LENGTH - 3] + "..."
 
 
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """Return a question that names the known word nearest to a mistyped one, after a semicolon; empty if none is near.
+
+    Examples
+    --------
+    >>> did_you_mean("flagshp", ["flagship", "indi"])
+    "; did you mean 'flagship'?"
+    """
+    words = {word.lower(): word for word in known}
+    near = get_close_matches(given.lower()[:_MAX_LENGTH], words, n=1, cutoff=0.5)
+    return f"; did you mean '{words[near[0]]}'?" if near else ""
+
+
+def none_of(given: str, known: Sequence[str]) -> str:
+    """Return the words that refuse a name outside a list: all that are known, and the nearest."""
+    return f"'{sanitize_line(given)}' is none of {', '.join(known)}{did_you_mean(given, known)}"
+
+
 class Parser(argparse.ArgumentParser):
     """Argument parser that prints errors in printable characters only."""
 
@@ -41,28 +61,46 @@ def format_errors(kind: Any, errors: Sequence[Any]) -> str:
     return "; ".join(list_errors(kind, errors))
 
 
-def list_errors(kind: Any, errors: Sequence[Any]) -> list[str]:
-    """Return a line for each error that pydantic found in a document of `kind`; beyond 20 only their number."""
+def list_errors(
+    kind: Any, errors: Sequence[Any], line_of: Callable[[Sequence[int | str]], int | None] = lambda _: None
+) -> list[str]:
+    """Return a line for each error that pydantic found in a document of `kind`; beyond 20 only their number.
+
+    `line_of` gives the line of a file where a key stands, `None` if it is unknown.
+    """
     more = [f"and {len(errors) - _MAX_ERRORS} more"] if len(errors) > _MAX_ERRORS else []
-    return [*(sanitize_line(_format_error(kind, item)) for item in errors[:_MAX_ERRORS]), *more]
+    shown = []
+    for item in errors[:_MAX_ERRORS]:
+        line = line_of(item["loc"]) if item["loc"] else None
+        shown.append(sanitize_line(f"{'' if line is None else f'line {line}, '}{_format_error(kind, item)}"))
+    return [*shown, *more]
 
 
 def _format_error(kind: Any, item: Any) -> str:
-    key, context = ".".join(str(part) for part in item["loc"]) or "file", item.get("ctx", {})
+    key, context = ".".join(str(part) for part in item["loc"]), item.get("ctx", {})
     if item["type"] in _UNKNOWN:
-        known = ", ".join(_known_keys(kind, item["loc"][:-1]))
-        return f"{sanitize_line(key)}: unknown key{known and f', known are {known}'}"
+        known = _known_keys(kind, item["loc"][:-1])
+        listed = f", known are {', '.join(known)}" if known else ""
+        return f"{sanitize_line(key)}: unknown key{listed}{did_you_mean(str(item['loc'][-1]), known)}"
     if item["type"] in _MISSING:
         return f"{key}: missing"
     if item["type"] == "union_tag_not_found":
         return f"{key}.kind: missing"
     if item["type"] == "union_tag_invalid":
-        return f"{key}.kind: must be one of {context['expected_tags']} (given '{sanitize_line(context['tag'])}')"
-    message = str(context["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
-    if not isinstance(item["input"], dict):
-        return f"{key}: {message} (given {item['input']!r})"
-    many = item["type"] == "tuple_type" and _is_many(kind, key)
-    return f"{key}: there may be many: write [[{key}]]" if many else f"{key}: {message}"
+        tags, given = context["expected_tags"], context["tag"]
+        near = did_you_mean(given, tags.replace("'", "").split(", "))
+        return f"{key}.kind: must be one of {tags} (given '{sanitize_line(given)}'){near}"
+    return _format_value(kind, key, item)
+
+
+def _format_value(kind: Any, key: str, item: Any) -> str:
+    """Return the error of a value that is not allowed; without `key` it is of a whole table, and names keys itself."""
+    message = str(item["ctx"]["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
+    if isinstance(item["input"], float) and not math.isfinite(item["input"]):
+        message = "must be a finite number"
+    given = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
+    many = not given and item["type"] == "tuple_type" and _is_many(kind, key)
+    return f"{key}: there may be many: write [[{key}]]" if many else f"{key}{': ' if key else ''}{message}{given}"
 
 
 def _is_many(kind: Any, key: str) -> bool:

@@ -141,7 +141,7 @@ class Rotors:
 @lru_cache(maxsize=64)  # a campaign makes many vehicles with the same rotors
 def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
-        return "position_B and spin don't give each torque by itself"
+        return "these rotors cannot produce roll, pitch and yaw independently: check spin"
     if np.min(rotors.allocation[:, 3]) <= 0.0:
         return "position_B: the centre of mass is not between the rotors"
     return ""

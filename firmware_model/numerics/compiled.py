@@ -93,3 +93,13 @@ def _find_kernel_folders(package: Path) -> set[Path]:
                 path = package.joinpath(*module.split(".")[1:])
                 folders.add(path if path.is_dir() else path.parent)
     return folders
+
+
+def find_cache(entry: Any) -> tuple[Path, bool] | None:
+    """Return the folder that keeps the machine code of an entry point, and true if it keeps that of these sources.
+
+    `None` if it is not compiled, or kept nowhere.
+    """
+    cache = getattr(entry, "_cache", None)
+    path = getattr(cache, "cache_path", None)
+    return None if cache is None or path is None else (Path(path), bool(cache._cache_file._load_index()))

@@ -30,7 +30,7 @@ def format_summary(facts: Mapping[str, Any]) -> str:
         rows["counted"] = _format_counts(facts["counters"])
     rows |= {peer: _format_traffic(stats) for peer, stats in facts["links"].items() if stats["in"]}
     rows |= {f"link {way}": _format_counts(counts) or "no faults" for way, counts in facts["link_faults"].items()}
-    headline = f"{outcome}: {samples} in {facts['wall_s']:.1f} s, {facts['realtime_factor']:.2f} times real time"
+    headline = f"{outcome}: {samples} in {facts['wall_s']:.1f} s, speed {facts['realtime_factor']:.2f}x real time"
     return "\n".join((headline, *(f"  {name:<18} {text}" for name, text in rows.items())))
 
 

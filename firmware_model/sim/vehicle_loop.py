@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
+from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.soa import field_offset
 from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
@@ -38,6 +39,12 @@ _TRIM = np.array((inner_loop.TRIM, *_UNUSED_FIELDS))
 _LEVEL = np.array((inner_loop.LEVEL, *_UNUSED_FIELDS))
 _OFF = np.array((inner_loop.OFF, *_UNUSED_FIELDS))
 _GROUND_LOAD_SHARE = 0.1  # [-] of the weight on the ground, above which the vehicle is on it
+
+
+def is_cold() -> bool:
+    """Return whether the first step still has to be compiled, once after an installation."""
+    found = find_cache(step.advance)
+    return found is not None and not found[1]
 
 
 class VehicleLoop:

@@ -20,6 +20,59 @@ _FLAGS = (
     "--force-color-profile=srgb", "--remote-debugging-pipe",
 )  # fmt: skip
 _PATIENCE_S = 60.0
+_FAULTS = """(() => {
+  // Our own checks, of WCAG 2.1: 3.1.1 language, 2.4.2 title, 4.1.1 ids, 4.1.2 names, 1.1.1 pictures,
+  // 1.3.1 tables and headings, 2.1.1 what scrolls takes the focus, 1.4.3 contrast of 4.5 to 1.
+  const faults = [], all = (what) => [...document.querySelectorAll(what)].filter((each) => each.checkVisibility());
+  if (!document.documentElement.lang) faults.push("no language");
+  if (!document.title) faults.push("no title");
+  const ids = [...document.querySelectorAll("[id]")].map(({ id }) => id);
+  for (const id of new Set(ids.filter((id, i) => ids.indexOf(id) !== i))) faults.push(`id twice: ${id}`);
+  const named = (each) => each.getAttribute("aria-label") || each.textContent.trim() || each.title
+    || [...(each.labels ?? [])].some((label) => label.textContent.trim());
+  for (const each of all("a, button, input, select, summary, [role=img], section[aria-label]")) {
+    if (!named(each)) faults.push(`no name: ${each.outerHTML.slice(0, 80)}`);
+  }
+  let level = 0;
+  for (const heading of all("h1, h2, h3, h4")) {
+    const next = Number(heading.tagName[1]);
+    if (next > level + 1) faults.push(`heading skips a level: ${heading.textContent}`);
+    level = next;
+  }
+  for (const table of all("table:not(.u-legend)")) {
+    if (table.querySelector("thead th:not([scope])")) faults.push("table without scope");
+  }
+  for (const each of all(".wide")) {
+    const scrolls = each.scrollWidth > each.clientWidth;
+    if (scrolls && each.tabIndex < 0) faults.push(`scrolls without focus: ${each.className}`);
+  }
+  const ink = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+  const rgb = (colour) => {
+    ink.clearRect(0, 0, 1, 1);
+    ink.fillStyle = colour;
+    ink.fillRect(0, 0, 1, 1);
+    return ink.getImageData(0, 0, 1, 1).data;
+  };
+  const light = ([r, g, b]) => [r, g, b].reduce((sum, v, i) => {
+    const c = v / 255;
+    return sum + [0.2126, 0.7152, 0.0722][i] * (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+  }, 0);
+  const behind = (each) => {
+    for (; each; each = each.parentElement) {
+      const colour = rgb(getComputedStyle(each).backgroundColor);
+      if (colour[3] === 255) return colour;
+    }
+    return [255, 255, 255];
+  };
+  const texts = "h1, h2, h3, h4, p, li, td, th, a, button, label, output, small, figcaption, summary, dt, dd";
+  for (const each of all(texts)) {
+    if (!each.textContent.trim() || each.closest("[disabled], [aria-pressed=false], .u-legend")) continue;
+    const [a, b] = [light(rgb(getComputedStyle(each).color)), light(behind(each))].sort((x, y) => y - x);
+    const ratio = (a + 0.05) / (b + 0.05);
+    if (ratio < 4.5) faults.push(`contrast ${ratio.toFixed(2)}: ${each.textContent.trim().slice(0, 40)}`);
+  }
+  return faults;
+})()"""
 
 
 class Browser:
@@ -95,6 +148,17 @@ class Browser:
         """Save what is shown, or the whole page, as PNG."""
         answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(answer["data"]))
+
+    def keep(self, name: str, folder: Path) -> None:
+        """Keep a screenshot for people, in the folder that `GUSTPROOF_SCREENSHOTS` names, or in `folder`."""
+        place = Path(os.environ.get("GUSTPROOF_SCREENSHOTS") or folder)
+        place.mkdir(parents=True, exist_ok=True)
+        self.screenshot(place / f"{name}.png")
+
+    def faults(self) -> list[str]:
+        """Return what hinders a reader of the page by ear or keyboard, or with weak eyes; see `_FAULTS`."""
+        found: list[str] = self.run(_FAULTS)
+        return found
 
     def _read(self) -> dict[str, Any]:
         end = time.monotonic() + _PATIENCE_S

@@ -15,7 +15,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD, record_type
 from gustproof.recording.bag import read_bag, write_bag
 from gustproof.recording.definitions import TYPES
-from gustproof.recording.topics import TOPICS, encode
+from gustproof.recording.topics import ANGLE_TOPICS, TOPICS, encode
 
 FLIGHT = {"scenario": "paper", "law": "hinf-d1", "seed": 1}
 N = 50
@@ -53,7 +53,7 @@ def xyz(vector) -> list[float]:
 
 def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
     records, found = flight(rates=True), by_topic(bag)
-    assert set(found) == {"/flight", "/mode", *(topic.name for topic in TOPICS)}
+    assert set(found) == {"/flight", "/mode", *(topic.name for topic in (*TOPICS, *ANGLE_TOPICS))}
     for i in range(N):
         one = {topic: messages[i][1] for topic, messages in found.items() if len(messages) == N}
         expected = {
@@ -109,7 +109,7 @@ def test_the_definitions_of_our_own_messages_say_units_and_frames(bag):
         summary = make_reader(stream).get_summary()
     schemas = {schema.name: schema.data.decode() for schema in summary.schemas.values()}
     own = {name: text for name, text in schemas.items() if name.startswith("gustproof_msgs/")}
-    assert set(own) == {f"gustproof_msgs/msg/{name}" for name in ("CommandAge", "Flight", "Mode", "Rotors")}
+    assert set(own) == {f"gustproof_msgs/msg/{name}" for name in ("Angles", "CommandAge", "Flight", "Mode", "Rotors")}
     age, mode, rotors, flown = (
         own[f"gustproof_msgs/msg/{name}"] for name in ("CommandAge", "Mode", "Rotors", "Flight")
     )
@@ -135,7 +135,7 @@ def test_the_flight_topic_names_the_flight_and_the_mode_is_written_when_it_chang
 def test_rosbags_own_reader_accepts_the_folder_and_its_metadata(bag):
     with AnyReader([bag]) as reader:
         assert {connection.topic for connection in reader.connections} >= {"/imu", "/flight"}
-        assert reader.message_count == N * len(TOPICS) + 3
+        assert reader.message_count == N * (len(TOPICS) + len(ANGLE_TOPICS)) + 3
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)

@@ -1,4 +1,4 @@
-"""The command `gustproof fly` as a shell runs it, ended from outside."""
+"""Commands as a shell runs them: `fly` ended from outside, and the checkup of this installation."""
 
 import json
 import signal
@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from gustproof.recording.bag import read_bag
+from gustproof.simulate import checkup
 
 LONG = 'description = "long enough to be ended before its end"\nduration_s = {}\n'
 ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
@@ -67,3 +68,12 @@ def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_
     assert len(errors.strip().splitlines()) == 1
     _, records = read_bag(tmp_path / json.loads(output)["bag"])
     assert set(records["mode"].tolist()) == {6 << 16, 7 << 16}  # OFFBOARD, then STABILIZED
+
+
+@pytest.mark.compiled
+def test_the_checkup_flies_the_bits_of_the_flight_without_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = checkup.check_flight()
+    assert found.status is checkup.Status.OK, found
+    assert "the same bits" in found.found
+    monkeypatch.setattr(checkup, "first_difference_s", lambda *_: 0.5)
+    assert checkup.check_flight().status is checkup.Status.FAULT

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import resource
 import subprocess
 import sys
@@ -85,7 +86,8 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
 
 def full_disk_is_told_and_nothing_is_lost(ended, run: Path, why: str) -> None:
     assert ended.returncode == 3
-    (line,) = ended.stderr.strip().splitlines()
+    *progress, line = ended.stderr.strip().splitlines()
+    assert all(re.fullmatch(r"gustproof: gusty, hinf-d1.* \d+ s", told) for told in progress), progress
     assert why in line
     assert f"what was flown is in {run / NAME}.journal" in line
     assert sorted(path.name for path in run.iterdir() if path.suffix != ".tlog") == [f"{NAME}.journal"]

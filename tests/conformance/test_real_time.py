@@ -228,5 +228,5 @@ def test_law_that_hangs_or_dies_leaves_the_vehicle_to_its_fail_safe(number):
             pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
             law.send_signal(number)
             pilot.until(lambda: pilot.mode == Mode.STABILIZED.value, "fail-safe")
-            assert "set-points stopped: fail-safe to STABILIZED" in pilot.texts
+            assert "set-points lost: failsafe STABILIZED" in pilot.texts
         assert last_words(vehicle)["outcome"] == "interrupted"

@@ -62,8 +62,8 @@ def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--repeat", "run1", "--law", "hinf-d1"), "'law' cannot be given with it"),
-        (("--repeat", "run1", "--seed", "1"), "'seed' cannot be given with it"),
+        (("--repeat", "run1", "--law", "hinf-d1"), "--law cannot be given with it"),
+        (("--repeat", "run1", "--seed", "1"), "--seed cannot be given with it"),
         (("--repeat", "."), "no bag in it"),
     ],
 )

@@ -70,6 +70,7 @@ def opened(browser, page):
 def drag(browser, chart, start, stop):
     """Drag the mouse across a chart, from one share of its width to another."""
     browser.run(f"charts.drawn[{chart}].plot.root.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    browser.run(FRAME)  # the small views that stay in sight move what is below them
     box = f"charts.drawn[{chart}].plot.over.getBoundingClientRect()"
     x, y, width, height = browser.run(f"[{box}.left, {box}.top, {box}.width, {box}.height]")
     middle = y + height / 2
@@ -232,3 +233,46 @@ def test_a_group_is_saved_as_a_picture_for_paper(opened):
         for colour in (blue, vermillion):
             assert np.count_nonzero(np.all(np.abs(third - colour.astype(int)) < 30, axis=2)) > 200
     assert browser.run("document.documentElement.dataset.theme") is None
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [390, 1366])
+def test_a_reader_by_ear_keyboard_or_weak_eyes_is_not_hindered(opened, width, dark, tmp_path):
+    browser = opened(width=width, height=768, dark=dark)
+    look = f"{width}-{'dark' if dark else 'light'}"
+    browser.keep(f"report-{look}", tmp_path)
+    assert browser.faults() == []
+    browser.run("document.getElementById('frequency').scrollIntoView({behavior: 'instant'})")
+    browser.run(FRAME)
+    browser.keep(f"report-frequency-{look}", tmp_path)
+
+
+def test_the_replay_and_the_one_legend_stay_in_sight(opened):
+    browser = opened()
+    assert browser.run("getComputedStyle(minis).display") == "none"
+    browser.run("document.getElementById('spectra').scrollIntoView({behavior: 'instant'})")
+    for _ in range(3):
+        browser.run(FRAME)
+    top, bottom = browser.run("[dock.getBoundingClientRect().top, dock.getBoundingClientRect().bottom]")
+    assert top == 0.0
+    assert bottom < 200.0
+    assert browser.run("[getComputedStyle(minis).display, minis.querySelectorAll('svg').length]") == ["flex", 2]
+    names = browser.run("[...document.querySelectorAll('#legend button')].map((button) => button.textContent)")
+    assert names == [*LAWS, "all runs"]
+    browser.run("document.querySelector('#legend button').click()")
+    series = "chart.curves.map(({ label }, i) => [label, plot.series[i + 1].show])"
+    shown = f"charts.drawn.flatMap(({{ chart, plot }}) => {series})"
+    assert {label for label, is_shown in browser.run(shown) if not is_shown} == {LAWS[0]}
+
+
+def test_one_scale_in_a_row_is_a_choice_and_play_stays_in_the_zoom(opened):
+    browser = opened()
+    heights = "charts.drawn.slice(0, 3).map(({ plot }) => [plot.scales.y.min, plot.scales.y.max])"
+    assert len({tuple(each) for each in browser.run(heights)}) == 3
+    browser.run("alike.click()")
+    browser.run(FRAME)
+    assert len({tuple(each) for each in browser.run(heights)}) == 1
+    browser.run("zoom(5, 5.05); play.click()")
+    for _ in range(20):
+        browser.run(FRAME)
+    assert browser.run("[replay.playing, replay.time]") == [False, 5.05]

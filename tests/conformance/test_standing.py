@@ -255,7 +255,7 @@ def test_dead_law_leads_to_the_fail_safe_that_was_set(flown, action, mode, text)
     flown.up = lambda _: []
     flown.run(1.2)
     assert flown.autopilot.mode is mode
-    assert f"set-points stopped: fail-safe to {text}" in flown.texts
+    assert f"set-points lost: failsafe {text}" in flown.texts
     # The stream comes back and is announced, but only the pilot can return control.
     flown.up = untouched
     flown.run(3.0)

@@ -128,8 +128,9 @@ def long_sentences_in_help() -> Iterator[str]:
             yield from (f"{module.path}:{line} {sentence}" for sentence in long_sentences(text))
 
 
-def long_sentences_in_readme() -> Iterator[str]:
-    yield from (f"README.md {text}" for text in long_sentences((ROOT / "README.md").read_text(encoding="utf-8")))
+def long_sentences_in_pages() -> Iterator[str]:
+    for path in (ROOT / "README.md", *sorted((ROOT / "src" / "gustproof" / "guide").glob("*.md"))):
+        yield from (f"{path.name} {text}" for text in long_sentences(path.read_text(encoding="utf-8")))
 
 
 def many_parameters() -> Iterator[str]:
@@ -218,9 +219,9 @@ ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     questioning_docstrings: 0,
     long_sentences_in_docstrings: 1,
     long_sentences_in_help: 0,
-    long_sentences_in_readme: 1,
+    long_sentences_in_pages: 0,
     many_parameters: 0,
-    over_ten_branches: 20,
+    over_ten_branches: 19,
     over_fifteen_branches: 2,  # parsers of a certificate's evidence and of its files
     repeated_module_names: 0,
     private_imports_across_rooms: 0,

@@ -12,6 +12,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
+from gustproof.cli import options
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
 from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
@@ -44,6 +45,12 @@ def pytest_collection_modifyitems(items):
             item.add_marker("plain")
     # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
     items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
+
+
+@pytest.fixture(autouse=True)
+def slow_machine_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Print no lines of progress: what a command says does not depend on the load of the machine."""
+    monkeypatch.setattr(options, "_FIRST_LINE_S", 3600.0)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.parameter_files import SUFFIXES, read_parameters
@@ -74,7 +75,7 @@ def autopilot_law(
     """
     autopilot = AUTOPILOTS.get(kind)
     if autopilot is None:
-        raise ConfigError(f"autopilot '{kind}' is none of {', '.join(AUTOPILOTS)}")
+        raise ConfigError(f"autopilot {none_of(kind, tuple(AUTOPILOTS))}")
     values, rate = complete(autopilot, parameters), autopilot.rate_hz if rate_hz is None else rate_hz
     full_torque = autopilot.full_torque(vehicle, values) if full_torque is None else full_torque
     axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]

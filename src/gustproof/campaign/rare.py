@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.scenario import NoiseTurn
+from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.campaign.executors import Pool
 from gustproof.campaign.intervals import CONFIDENCE, IntervalEstimate, positive_mean, proportion
@@ -173,7 +174,7 @@ def parse_threshold(text: str) -> Threshold:
     if not math.isfinite(limit):
         raise ConfigError(f"--rare: is '{text}', must be a figure and its limit, such as 'peak_deg > 1'")
     if figure not in FIGURES:
-        raise ConfigError(f"--rare: '{figure}' is none of {', '.join(FIGURES)}")
+        raise ConfigError(f"--rare: {none_of(figure, FIGURES)}")
     return Threshold(figure, limit)
 
 

@@ -7,11 +7,22 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law
-from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, print_json
+from gustproof.cli.options import (
+    SEED,
+    AsJson,
+    FigureData,
+    FigureLook,
+    VehicleName,
+    check_output,
+    complete,
+    print_json,
+    working,
+)
+from gustproof.report.figure_style import SUFFIXES, FigureStyle
 
 
 def analyse(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str, typer.Argument(help=LAW_HELP, autocompletion=complete("law"))],
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives the wind and the sample rate.")
     ] = "paper-turbulence",
@@ -19,13 +30,19 @@ def analyse(
     seed: Annotated[int, SEED] = 1,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Write Bode plot, sensitivities, step and gust response here (.png)."),
+        typer.Option(
+            "-o", "--output", help="Write Bode plot, sensitivities, step and gust response here (.png, .pdf or .svg)."
+        ),
     ] = None,
+    style: FigureLook = FigureStyle.SCREEN,
+    data: FigureData = False,
     as_json: AsJson = False,
 ) -> None:
     """Print a law's margins, poles, flown figures, error budget and limits.
 
     gustproof analyse hinf-scheduled -o hinf-scheduled.png
+
+    gustproof analyse hinf-scheduled -o loop.pdf --style paper --data
 
     gustproof analyse mine.mat --vehicle iris --json
     """
@@ -35,17 +52,20 @@ def analyse(
     from gustproof.report.laws import render_analysis
     from gustproof.report.terminal import show
 
-    check_output(output, ".png", "a figure")
+    check_output(output, SUFFIXES, "a figure")
     airframe, script = load_vehicle(vehicle), load_scenario(scenario)
     read = find_law(law, airframe, script.control_rate_hz)
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
     try:
-        analysis = analysed(read, airframe, script, seed=seed)
+        with working(f"analysing {read.name}", quiet=as_json):
+            analysis = analysed(read, airframe, script, seed=seed)
         if output is not None:
+            from gustproof.report.figure_style import figures_as
             from gustproof.report.figures import save_analysis
 
-            save_analysis(analysis, output)
+            with figures_as(style, data=data):
+                save_analysis(analysis, output)
     except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
         raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.options import AsJson, Build, print_json
+from gustproof.cli.options import AsJson, Build, print_json, working
 
 
 def audit(
@@ -37,7 +37,8 @@ def audit(
 
     audited = load_simulator(simulator, Path(build) if build else None)
     try:
-        rows = run(audited)
+        with working(f"auditing {audited.name}", quiet=as_json):
+            rows = run(audited)
     finally:
         audited.close()
     if as_json:

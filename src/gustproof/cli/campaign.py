@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
@@ -20,9 +21,11 @@ from gustproof.cli.options import (
     Params,
     VehicleName,
     check_output,
+    complete,
     print_json,
     progress,
     save_flight,
+    working,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +40,9 @@ Choice = TypeVar("Choice", bound=Enum)
 
 
 def campaign(
-    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")],
+    scenario: Annotated[
+        str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"))
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -50,7 +55,8 @@ def campaign(
     law: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle]."
+            help=f"{LAW_HELP} Repeat it to compare laws case by case [default: flagship, tuned for your vehicle].",
+            autocompletion=complete("law"),
         ),
     ] = None,
     controller: Annotated[
@@ -163,7 +169,8 @@ def campaign(
         return
     assert output is not None  # see _check_outputs
     _fly(plan, output, workers, executor, quiet=as_json)
-    found = compute_statistics(output)
+    with working(f"statistics of {output}", quiet=as_json):
+        found = compute_statistics(output)
     _save_figures(found, csv, latex)
     if as_json:
         print_json(found.to_dict())
@@ -280,8 +287,8 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
     try:
         with (
+            progress(f"starting workers, {title}", quiet=quiet) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
-            progress(title, quiet=quiet) as shown,
         ):
             fly_campaign(
                 plan,
@@ -317,8 +324,8 @@ def _estimate_rare(
     title = f"{plan.scenario.name}, {event.text}"
     try:
         with (
+            progress(f"starting workers, {title}", quiet=as_json) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
-            progress(title, quiet=as_json) as shown,
         ):
             found = estimate_rare(plan, event, pool, progress=lambda share: shown(share, title))
     except KeyboardInterrupt:
@@ -348,4 +355,4 @@ def _parse_choice(kind: type[Choice], option: str, word: str) -> Choice:
     try:
         return kind(word)
     except ValueError:
-        raise ConfigError(f"{option}: '{word}' is none of {', '.join(choice.value for choice in kind)}") from None
+        raise ConfigError(f"{option}: {none_of(word, [choice.value for choice in kind])}") from None

@@ -3,18 +3,27 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, say
-from gustproof.cli.options import AsJson, check_output, parse_positive_vector, print_json, refuse_given
+from gustproof.cli.options import (
+    AsJson,
+    check_output,
+    complete,
+    parse_positive_vector,
+    print_json,
+    refuse_given,
+    working,
+)
 
 if TYPE_CHECKING:
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
     from gustproof.certify.check.evidence import CheckResult
+    from gustproof.certify.gain.parts import Delay, Part
     from gustproof.lti.state_space import LinearSystem
     from gustproof.model.interconnection import Interconnection
     from gustproof.model.lft import Uncertain
@@ -41,6 +50,7 @@ _ASSUMPTIONS = {
     "rho": "attitude and rates",
     "horizon_s": "duration [s]",
     "delay_samples": "delay [samples]",
+    "delay_s": "delay [s]",
     "noise_probability": "risk from noise",
     "noise_period_s": "risk counts over [s]",
 }
@@ -49,10 +59,25 @@ _UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
 """Text of an assumption that is `None` or 0."""
 
 
+class _Loop(NamedTuple):
+    """Loop of a gain."""
+
+    loop: "Uncertain"
+    """Loop, closed by its parameters and parts."""
+    speeds: dict[str, float] | None
+    """[1/s] speeds of its normalised parameters, if bounded."""
+    parts: "dict[str, Part]"
+    """Parts of the command's path, by name."""
+
+
 def certify(
     context: typer.Context,
     name: Annotated[
-        str | None, typer.Argument(help="Name of a shipped design or law, or a file: design .toml, law .json.")
+        str | None,
+        typer.Argument(
+            help="Name of a shipped design or law, or a file: design .toml, law .json.",
+            autocompletion=complete("design"),
+        ),
     ] = None,
     angle: Annotated[
         float | None, typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
@@ -79,6 +104,14 @@ def certify(
         float | None,
         typer.Option(help="Gain: leak of the plant's Euler kinematics [1/s] [default: the design's]."),
     ] = None,
+    delay_ms: Annotated[
+        float | None,
+        typer.Option("--delay-ms", help="Gain: the command is late by a constant time from 0 to this [ms]."),
+    ] = None,
+    saturation: Annotated[
+        float | None,
+        typer.Option(help="Gain: torque is limited, and commands are at most so many times the limit; inf for any."),
+    ] = None,
     noise: Annotated[float, typer.Option(help="Flight: rms of the gyro's white noise in a sample [rad/s].")] = 0.0,
     risk: Annotated[
         float,
@@ -101,7 +134,11 @@ def certify(
         str | None, typer.Option(help="With --check: the law of a flight's certificate, a name or a .json file.")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].")
+        str | None,
+        typer.Option(
+            help="Name of a shipped vehicle, or a .toml file [default: the design's, or paper].",
+            autocompletion=complete("vehicle"),
+        ),
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the certificate here (.json).")] = None,
     as_json: AsJson = False,
@@ -118,6 +155,12 @@ def certify(
     `--exact-rho` that controller is scheduled: it rotates its own estimates by the airframe's A(rho). With `--slow` the
     proof uses bounds on the speeds of roll and pitch, which follow from the envelope's rates. It is tighter and takes
     half a minute.
+
+    With --delay-ms the gain holds for every constant delay of the command up to that time. With --saturation 1.5 torque
+    is limited, and commands are at most 1.5 times the limit. Beyond that a saturated loop is an open loop. So
+    --saturation inf is refused if plant or controller is not stable alone, and its gain is never below the open loop's.
+    Both are proved by integral quadratic constraints. A law without an envelope has the local statement:
+    below a bounded moment its commands do not reach their limits.
 
     A law without an envelope is proved to fly within a box: its file, sampled and one sample late, on the nonlinear
     vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
@@ -141,6 +184,8 @@ def certify(
 
         gustproof certify hinf-d1 --angle-rad 0.3 --rate-rad-s 0.5 --exact-rho --leak 0.05
 
+        gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --delay-ms 8 --saturation 1.5
+
         gustproof certify flagship --moment 0.65,0.65,0.3 --horizon 60 -o flight.json
 
         gustproof certify flagship --horizon inf --noise 0.0036 --risk 1e-3
@@ -158,34 +203,39 @@ def certify(
         return
     envelope = _parse_envelope(angle, rate)
     gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
+    gain |= {"delay_ms": delay_ms, "saturation": saturation}
     if check_file is not None:
         if (name is None) != (envelope is None):
             raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
         derived = None
-        if name is not None and envelope is not None:
-            derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
-        raise typer.Exit(_check(check_file, law, None if name else vehicle, derived, as_json=as_json).value)
+        with working(f"checking {check_file}", quiet=as_json):
+            if name is not None and envelope is not None:
+                derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
+            status = _check(check_file, law, None if name else vehicle, derived, as_json=as_json)
+        raise typer.Exit(status.value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
     check_output(output, ".json", "a certificate")
     certificate: Certificate | FlightCertificate
     if envelope is not None:
-        certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
+        with working(f"proving a gain of {name}", quiet=as_json):
+            certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
     else:
-        gains = ("exact_rho", "slow", "level", "leak")
+        gains = ("exact_rho", "slow", "level", "leak", "delay_ms", "saturation")
         refuse_given(context, gains, "a flight takes the law file as it is, and proves no gain")
-        certificate = _certify_flight(
-            name,
-            vehicle or "paper",
-            moment,
-            horizon,
-            moment_class=moment_class,
-            slope=slope,
-            noise=noise,
-            risk=risk,
-            inertia_spread=inertia_spread,
-            lag_spread=lag_spread,
-        )
+        with working(f"proving a box for {name}", quiet=as_json):
+            certificate = _certify_flight(
+                name,
+                vehicle or "paper",
+                moment,
+                horizon,
+                moment_class=moment_class,
+                slope=slope,
+                noise=noise,
+                risk=risk,
+                inertia_spread=inertia_spread,
+                lag_spread=lag_spread,
+            )
     if output is not None and certificate.proven:
         certificate.save(output)
     _show(name, certificate, output, as_json=as_json)
@@ -206,7 +256,8 @@ def _predict(context: typer.Context, name: str | None, vehicle: str, air: str, r
     if name is None:
         raise ConfigError(_USAGE)
     try:
-        found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
+        with working(f"predicting a box for {name}", quiet=as_json):
+            found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if as_json:
@@ -259,10 +310,13 @@ def _certify_gain(
     leak: float | None,
     exact_rho: bool,
     slow: bool,
+    delay_ms: float | None,
+    saturation: float | None,
 ) -> "Certificate":
     from gustproof.certify.gain.l2_gain import certify_gain
 
     problem, controller = _design_loop(design, vehicle, leak)
+    delay = _parse_delay(delay_ms)
     try:
         return certify_gain(
             problem,
@@ -272,9 +326,22 @@ def _certify_gain(
             scheduled=exact_rho or design.scheduled,
             rate_bounded=slow,
             level=level,
+            delay=delay,
+            saturation=saturation,
         )
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
+
+
+def _parse_delay(delay_ms: float | None) -> "Delay | None":
+    from gustproof.certify.gain.parts import Delay
+
+    if delay_ms is None:
+        return None
+    try:
+        return Delay(largest=1e-3 * delay_ms)
+    except ValueError as error:
+        raise ConfigError(f"--delay-ms: {error}") from None
 
 
 def _design_loop(design: "Design", vehicle: str | None, leak: float | None) -> "tuple[Interconnection, LinearSystem]":
@@ -302,17 +369,21 @@ def _derive_loop(
     leak: float | None,
     exact_rho: bool,
     slow: bool,
-) -> "tuple[Uncertain, dict[str, float] | None]":
-    """Return the loop that a certificate of a design is about, and the speeds of its parameters [1/s], if bounded."""
-    from gustproof.certify.gain.l2_gain import attitude_loop, envelope_speeds
+    delay_ms: float | None,
+    saturation: float | None,
+) -> "_Loop":
+    """Return the loop that a certificate of a design is about."""
+    from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds
     from gustproof.model.rotational import Envelope
 
     problem, controller = _design_loop(design, vehicle, leak)
+    delay, scheduled = _parse_delay(delay_ms), exact_rho or design.scheduled
     try:
-        scheduled = exact_rho or design.scheduled
-        loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
+        envelope = Envelope(angle=angle, rate=rate)
+        loop = attitude_loop(problem, controller, envelope, scheduled=scheduled, delay=delay, saturation=saturation)
         kept = design.leak if leak is None else leak
-        return loop, envelope_speeds(angle, rate, leak=kept) if slow else None
+        speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
+        return _Loop(loop, speeds, command_parts(delay, saturation))
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 
@@ -357,7 +428,7 @@ def _check(
     path: Path,
     law: str | None,
     vehicle: str | None,
-    derived: "tuple[Uncertain, dict[str, float] | None] | None",
+    derived: "_Loop | None",
     *,
     as_json: bool,
 ) -> ExitStatus:
@@ -437,7 +508,8 @@ def _show(name: str, certificate: "Certificate | FlightCertificate", output: Pat
 
 def _describe_lower_bound(certificate: "Certificate") -> str:
     reached, gain = certificate.lower_bound, certificate.gain
-    line = f"a simulation reached {reached:.4g}"
+    constrained = certificate.evidence.get("kind") == "constrained gain"
+    line = f"a simulation{' or a linear member' if constrained else ''} reached {reached:.4g}"
     return f"{line}, so the claimed bound {gain:.4g} is false" if gain is not None and reached > gain else line
 
 

@@ -5,21 +5,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gustproof.cli.laws import LAW_HELP, find_law
-from gustproof.cli.options import AsJson, Build, VehicleName, print_json, progress
+from gustproof.cli.options import AsJson, Build, VehicleName, complete, print_json, progress
 
 if TYPE_CHECKING:
     from gustproof.law.form import Law
 
 
 def compare(
-    scenario: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.")] = "paper-turbulence",
+    scenario: Annotated[
+        str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"))
+    ] = "paper-turbulence",
     autopilot: Annotated[str, typer.Option(help="Real autopilot: px4 or ardupilot.")] = "px4",
     build: Build = "",
     params: Annotated[
         list[str] | None,
         typer.Option(help="Parameters of its own loops, a shipped set or a file; repeat it [default: stock, tuned]."),
     ] = None,
-    law: Annotated[str, typer.Option(help=f"Law to fly beside them. {LAW_HELP}")] = "flagship",
+    law: Annotated[
+        str, typer.Option(help=f"Law to fly beside them. {LAW_HELP}", autocompletion=complete("law"))
+    ] = "flagship",
     inside: Annotated[
         str, typer.Option(help="Build with that law inside, made by gustproof export [default: none].")
     ] = "",

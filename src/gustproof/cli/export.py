@@ -8,14 +8,14 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import LAW_HELP, find_law, is_parameter_file
-from gustproof.cli.options import AsJson, print_json
+from gustproof.cli.options import AsJson, complete, print_json, working
 
 if TYPE_CHECKING:
     from gustproof.law.form import Law
 
 
 def export(
-    law: Annotated[str, typer.Argument(help=LAW_HELP)],
+    law: Annotated[str, typer.Argument(help=LAW_HELP, autocompletion=complete("law"))],
     c: Annotated[Path | None, typer.Option("--c", help="Write C code here, and its header beside it.")] = None,
     px4: Annotated[Path | None, typer.Option("--px4", help="Write a module for PX4 to this new folder.")] = None,
     ardupilot: Annotated[
@@ -72,16 +72,17 @@ def export(
     _check_attitude(attitude)
     _check_options(bool(c or folders), rate, _checked_on(law, vehicle), attitude, checked=float32 or bool(folders))
     read = _read_law(law, vehicle, rate)
-    told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
-    if wanted:
-        margins = {}
-        if rate is not None:
-            read, margins["margins"] = _resampled(read, rate, vehicle)
-        files = [str(path) for path in wanted]
-        told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, **margins})
-        if c is not None:
-            told[-1] |= _save_c(read, c, attitude or "own", float32=float32, vehicle=vehicle)
-        _save_numbers(read, mat, csv, as_law)
+    with working(f"exporting {read.name}", quiet=as_json):
+        told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
+        if wanted:
+            margins = {}
+            if rate is not None:
+                read, margins["margins"] = _resampled(read, rate, vehicle)
+            files = [str(path) for path in wanted]
+            told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, **margins})
+            if c is not None:
+                told[-1] |= _save_c(read, c, attitude or "own", float32=float32, vehicle=vehicle)
+            _save_numbers(read, mat, csv, as_law)
     _print_exports(told, c, as_json=as_json)
 
 

@@ -1,6 +1,7 @@
 """Exit statuses, and failures as one line on stderr."""
 
 import errno
+import re
 import sys
 from enum import IntEnum
 from typing import Any, cast
@@ -8,7 +9,7 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
-from firmware_model.config.validation import printable
+from firmware_model.config.validation import did_you_mean, printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
@@ -39,7 +40,7 @@ class OneLineErrors(TyperGroup):
         except FlightError as error:
             raise exit_with(str(error), ExitStatus.FLIGHT_BROKE_OFF) from None
         except _UsageError as error:
-            raise _UsageError(printable(error.format_message()), error.ctx) from None
+            raise _UsageError(_with_nearest(printable(error.format_message())), error.ctx) from None
         except KeyboardInterrupt:
             raise exit_with("interrupted", ExitStatus.INTERRUPTED) from None
         except OSError as error:
@@ -47,6 +48,13 @@ class OneLineErrors(TyperGroup):
                 raise
             named = "" if error.filename is None else f"{error.filename}: "
             raise exit_with(f"{named}{error.strerror}", ExitStatus.BAD_INPUT) from None
+
+
+def _with_nearest(message: str) -> str:
+    """Return the text of a usage error; of a wrong choice, with the nearest right one."""
+    message = message.replace("Value error, ", "")
+    found = re.search(r"'([^']*)' is not one of (.*?)\.?$", message)
+    return message + did_you_mean(found[1], re.findall(r"'([^']*)'", found[2])) if found else message
 
 
 def say(line: str) -> None:

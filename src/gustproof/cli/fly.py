@@ -1,5 +1,6 @@
 """The command `gustproof fly`: one flight, new or repeated."""
 
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
@@ -17,6 +19,7 @@ from gustproof.cli.options import (
     Build,
     Params,
     VehicleName,
+    complete,
     print_json,
     progress,
     refuse_given,
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 _TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
 _BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
+_COMPILING = ": compiling the simulator, once after an installation"
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -41,11 +45,16 @@ _Comparison = tuple[bool | None, str]
 def fly(
     context: typer.Context,
     scenario: Annotated[
-        str | None, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)
+        str | None,
+        typer.Argument(
+            help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"), show_default=False
+        ),
     ] = None,
     law: Annotated[
         str | None,
-        typer.Option(help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]."),
+        typer.Option(
+            help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own].", autocompletion=complete("law")
+        ),
     ] = None,
     controller: Annotated[
         str | None,
@@ -121,7 +130,7 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from gustproof.recording.folder import make_run_folder
+    from gustproof.recording.folder import make_run_folder, unless_refused
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
@@ -142,7 +151,8 @@ def fly(
         plan = FlightPlan(script, flown, airframe, seed, real_time)
     folder = make_run_folder(out, "fly")
     try:
-        result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
+        with unless_refused(folder):
+            result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
     except KeyboardInterrupt:
         if not any(folder.glob("*.journal")):
             raise
@@ -182,17 +192,13 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
-    from gustproof.law.form import Law
-    from gustproof.simulate.flight import FlightPlan, warnings
+    from gustproof.simulate.checkup import is_cold
+    from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
-    if isinstance(plan, FlightPlan):
-        law = plan.pilot if isinstance(plan.pilot, Law) else None
-        pilot, known = plan.pilot.name, () if law is None else warnings(plan.scenario, law, plan.vehicle)
-    else:
-        pilot, known = plan.autopilot.name, ()
-    for warning in () if quiet else known:
-        print(f"gustproof: warning: {warning}", file=sys.stderr)
+    pilot = plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
+    if not quiet:
+        _print_warnings(plan)
     title = f"{plan.scenario.name}, {pilot}"
     with ExitStack() as stack:
         page = None
@@ -202,7 +208,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             page.wait()
-        shown = stack.enter_context(progress(title, quiet=quiet))
+        shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
         watch = page.watch if page else None
         if isinstance(plan, FlightPlan):
             result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
@@ -212,8 +218,24 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
                 plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
             )
         if page:
-            page.end(result.message, result.records)
+            page.end(result.message, result.records, _next_commands(result))
     return result
+
+
+def _print_warnings(plan: "FlightPlan | GuestPlan") -> None:
+    from gustproof.law.form import Law
+    from gustproof.simulate.flight import FlightPlan, warnings
+
+    if isinstance(plan, FlightPlan) and isinstance(plan.pilot, Law):
+        for warning in warnings(plan.scenario, plan.pilot, plan.vehicle):
+            print(f"gustproof: warning: {warning}", file=sys.stderr)
+
+
+def _next_commands(flight: "Flight") -> list[str]:
+    """Return the commands that make a report of a flight, if it left a bag, and that fly it again."""
+    report = shlex.join(["gustproof", "report", str(flight.bag), "-o", "report.html"])
+    again = shlex.join(["gustproof", *sys.argv[1:]])  # refused where it would write over this flight
+    return [report, again] if flight.bag else [again]
 
 
 def load_script(scenario: str | None, *, free: bool) -> "Scenario":
@@ -221,7 +243,6 @@ def load_script(scenario: str | None, *, free: bool) -> "Scenario":
     from dataclasses import replace
 
     from firmware_model.config.scenario import load_scenario
-    from firmware_model.errors import ConfigError
 
     if scenario is None:
         raise ConfigError("give a scenario, or --repeat, or --run")
@@ -243,12 +264,11 @@ def _find_pilot(
 ) -> "tuple[Pilot, Vehicle]":
     """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
-    from firmware_model.errors import ConfigError
     from gustproof.entries.entry import parse_entry
     from gustproof.simulate.flight import check
 
     if controller is not None and law is not None:
-        raise ConfigError("--controller flies in place of a law; 'law' cannot be given with it")
+        raise ConfigError("--controller flies in place of a law; --law cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
     flown: Pilot
     if controller is not None:

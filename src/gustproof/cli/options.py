@@ -3,18 +3,44 @@
 import json
 import math
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
+from gustproof.report.figure_style import FigureStyle
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
+
+_FIRST_LINE_S, _NEXT_LINES_S = 2.0, 10.0  # between lines that say what goes on, where there is no terminal
+_SHIPPED = {  # the packages whose folders hold the names of each kind; read without loading what they hold
+    "law": ("gustproof.law", "data"),
+    "design": ("gustproof.synthesis", "data"),
+    "vehicle": ("firmware_model.config", "data/vehicles"),
+    "scenario": ("firmware_model.config", "data/scenarios"),
+}
+
+
+def complete(kind: str, *words: str) -> Callable[[str], list[str]]:
+    """Return what completes a shipped name of a kind, or one of some words, for a shell; files it knows itself."""
+    package, folder = _SHIPPED[kind]
+
+    def names(incomplete: str) -> list[str]:
+        paths = (Path(path.name) for path in files(package).joinpath(folder).iterdir())
+        known = {path.stem for path in paths if path.suffix in (".json", ".toml")}
+        return sorted(name for name in known | set(words) if name.startswith(incomplete))
+
+    return names
+
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
 Anyway = Annotated[
@@ -41,7 +67,13 @@ Params = Annotated[
         show_default=False,
     ),
 ]
-VehicleName = Annotated[str, typer.Option(help="Name of a shipped vehicle, or a .toml file.")]
+FigureLook = Annotated[
+    FigureStyle, typer.Option("--style", help="screen, or paper: 3.5 inches wide, serif, for a column of a paper.")
+]
+FigureData = Annotated[bool, typer.Option("--data", help="Write the drawn numbers beside the figure (.csv).")]
+VehicleName = Annotated[
+    str, typer.Option(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+]
 SEED = typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")
 
 
@@ -50,8 +82,8 @@ def print_json(document: Any) -> None:
     print(json.dumps(document, indent=2))
 
 
-def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False) -> None:
-    """Refuse an output file with another suffix, in no folder or, if it must be `new`, one that exists.
+def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str, *, new: bool = False) -> None:
+    """Refuse an output file with none of the suffixes, in no folder or, if it must be `new`, one that exists.
 
     Raises
     ------
@@ -60,8 +92,9 @@ def check_output(path: Path | None, suffix: str, kind: str, *, new: bool = False
     """
     if path is None:
         return
-    if path.suffix != suffix:
-        raise ConfigError(f"{path}: {kind} ends in {suffix}")
+    suffixes = (suffix,) if isinstance(suffix, str) else suffix
+    if path.suffix not in suffixes:
+        raise ConfigError(f"{path}: {kind} ends in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path.parent}: no such folder")
     if new and path.exists():
@@ -91,10 +124,11 @@ def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None
     ConfigError
         If one of them is given.
     """
+    written = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
     for name in names:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"{why}; '{name.replace('_', '-')}' cannot be given with it")
+            raise ConfigError(f"{why}; {written[name]} cannot be given with it")
 
 
 def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
@@ -116,15 +150,60 @@ def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
 
 @contextmanager
 def progress(title: str, *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows a fraction [0..1] and a text; silent if `quiet` or if stderr is no terminal."""
-    if quiet or not sys.stderr.isatty():
+    """Yield a function that shows a fraction [0..1] and a text on stderr; where that is no terminal, as plain lines.
+
+    The bar moves, and lines come, also while the function is not called. If `quiet` there are none.
+    """
+    if quiet:
         yield lambda _fraction, _text: None
+    elif sys.stderr.isatty():
+        with _bar(title, total=1.0) as shown:
+            yield shown
+    else:
+        with _plain_lines(title) as shown:
+            yield shown
+
+
+@contextmanager
+def working(title: str, *, quiet: bool) -> Iterator[None]:
+    """Show on stderr that work of unknown length goes on, and for how long; nothing if `quiet`."""
+    if quiet:
+        yield
         return
+    with _bar(title, total=None) if sys.stderr.isatty() else _plain_lines(title):
+        yield
+
+
+@contextmanager
+def _bar(title: str, *, total: float | None) -> Iterator[Callable[[float, str], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     text, percentage = TextColumn("{task.description}", markup=False), TextColumn("{task.percentage:3.0f} %")
-    columns = (text, BarColumn(), percentage, TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as display:
-        task = display.add_task(title, total=1.0)
-        yield lambda fraction, text: display.update(task, completed=fraction, description=text)
+    known = () if total is None else (percentage, TimeRemainingColumn())
+    with Progress(
+        text, BarColumn(), TimeElapsedColumn(), *known, console=Console(stderr=True), transient=True
+    ) as display:
+        task = display.add_task(printable(title), total=total)
+        yield lambda fraction, text: display.update(task, completed=fraction, description=printable(text))
+
+
+@contextmanager
+def _plain_lines(title: str) -> Iterator[Callable[[float, str], None]]:
+    """Yield as `progress` does; a thread prints the latest state after 2 s, and from then on every 10 s."""
+    latest, ended, start = [(0.0, title)], threading.Event(), time.monotonic()
+
+    def repeat() -> None:
+        wait_s = _FIRST_LINE_S
+        while not ended.wait(wait_s):
+            (fraction, text), wait_s = latest[0], _NEXT_LINES_S
+            share = f"{fraction:.0%}, " if fraction else ""
+            print(f"gustproof: {printable(text)}: {share}{time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield lambda fraction, text: latest.__setitem__(0, (fraction, text))
+    finally:
+        ended.set()
+        thread.join()

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gustproof.cli.options import AsJson, print_json
+from gustproof.cli.options import AsJson, print_json, working
 
 
 def recover(
@@ -21,7 +21,8 @@ def recover(
     from gustproof.report.terminal import render_flight, show
     from gustproof.simulate.recorder import recover as recovered
 
-    flights = recovered(run)
+    with working(f"recovering {run}", quiet=as_json):
+        flights = recovered(run)
     if as_json:
         print_json([flight.to_dict() for flight in flights])
         return

@@ -6,14 +6,18 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import check_output
+from gustproof.cli.options import check_output, working
+from gustproof.recording.folder import find_bags
+from gustproof.recording.layout import LAYOUTS, save_layout
 
 
 def report(
     runs: Annotated[
         list[Path], typer.Argument(help="Folders of `gustproof fly --out` or bags, or the table of one campaign.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Write the page here (.html).")] = Path("report.html"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Write the page here (.html), or a layout (.json, .xml).")
+    ] = Path("report.html"),
 ) -> None:
     """Write one page on some flights: figures, linked time histories, margins, spectra, a 3D replay.
 
@@ -25,22 +29,34 @@ def report(
 
         gustproof report run1 run2 -o report.html
 
+    Other viewers open the bags: -o layout.json is a layout for Foxglove, -o layout.xml one for PlotJuggler.
+
+        gustproof report run1 -o layout.json
+
     For a campaign's table the page shows the distributions of all figures by law, their causes, and the worst runs.
 
         gustproof report mc.parquet -o mc.html
     """
-    check_output(output, ".html", "a report", new=True)
+    check_output(output, (".html", *LAYOUTS), "a report or a layout", new=True)
+    if output.suffix in LAYOUTS:
+        for run in runs:
+            find_bags(run)
+        save_layout(output)
+        print(f"layout for the bags in {', '.join(map(str, runs))} in {output}")
+        return
     if any(run.suffix == ".parquet" for run in runs):
         from gustproof.report.html.campaign_page import write_campaign_report
 
         if len(runs) > 1:
             raise ConfigError(f"{', '.join(map(str, runs))}: a page shows one campaign, or flights")
-        write_campaign_report(runs[0], output)
+        with working(f"writing {output}", quiet=False):
+            write_campaign_report(runs[0], output)
         print(f"the campaign of {runs[0]} in {output}")
         return
     from gustproof.report.html.page import write_report
     from gustproof.report.html.runs import read_runs
 
-    flights = read_runs(runs)
-    write_report(flights, output)
+    with working(f"writing {output}", quiet=False):
+        flights = read_runs(runs)
+        write_report(flights, output)
     print(f"{len(flights)} flight{'s' if len(flights) != 1 else ''} in {output}")

@@ -1,11 +1,21 @@
 """The command `gustproof reproduce`: flights and claims of the paper."""
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gustproof.cli.options import Anyway, VehicleName, print_json, progress
+from gustproof.cli.options import Anyway, FigureData, FigureLook, VehicleName, print_json, progress
+from gustproof.report.figure_style import FigureStyle, figures_as
+
+
+class FigureFile(Enum):
+    """Format of the figures."""
+
+    PNG = "png"
+    PDF = "pdf"
+    SVG = "svg"
 
 
 def reproduce(
@@ -15,6 +25,9 @@ def reproduce(
     ] = 3,
     vehicle: VehicleName = "paper",
     anyway: Anyway = False,
+    figures: Annotated[FigureFile, typer.Option(help="Format of the figures.")] = FigureFile.PNG,
+    style: FigureLook = FigureStyle.SCREEN,
+    data: FigureData = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print summary.json on stdout, and nothing else.")] = False,
 ) -> None:
     """Fly the paper's scenarios with all shipped laws, over UDP in lockstep, and judge its claims.
@@ -22,6 +35,8 @@ def reproduce(
     Write summary.json, report.txt, figures, the laws and one bag for each flight to the output folder.
 
         gustproof reproduce
+
+        gustproof reproduce --figures pdf --style paper --data
 
         gustproof reproduce --seeds 1 --out /tmp/paper --json
 
@@ -38,7 +53,8 @@ def reproduce(
     with progress("starting", quiet=as_json) as show_progress:
         laws = paper.find_laws(vehicles, anyway=anyway, progress=show_progress)
         folder = make_run_folder(out, "reproduce")
-        result = paper.reproduce(vehicles.nominal, range(1, seeds + 1), folder, show_progress, laws)
+        with figures_as(style, data=data, suffix=f".{figures.value}"):
+            result = paper.reproduce(vehicles.nominal, range(1, seeds + 1), folder, show_progress, laws)
     if as_json:
         print_json(result.to_dict())
     else:

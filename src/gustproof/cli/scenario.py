@@ -7,49 +7,19 @@ import typer
 
 from firmware_model.errors import ConfigErrors
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import AsJson, check_output, print_json
+from gustproof.cli.options import check_output, complete
 
 scenario = typer.Typer(no_args_is_help=True, help="List, show and check scenarios, and extract the wind of a flight.")
 
 
-@scenario.command("list")
-def list_shipped(as_json: AsJson = False) -> None:
-    """List the shipped scenarios, with the subject of each.
-
-    gustproof scenario list
-    """
-    from firmware_model.config.scenario import list_scenarios, load_scenario
-    from gustproof.report.scenarios import scenarios_table, summarize_scenario
-
-    scenarios = [load_scenario(name) for name in list_scenarios()]
-    if as_json:
-        print_json([summarize_scenario(each) for each in scenarios])
-        return
-    from gustproof.report.terminal import show
-
-    show(scenarios_table(scenarios))
-
-
-@scenario.command("show")
-def show_text(
-    name: Annotated[str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", show_default=False)],
-) -> None:
-    """Print a scenario's file, to read or to start your own from.
-
-    gustproof scenario show paper > mine.toml
-    """
-    from firmware_model.config.files import read_text
-    from firmware_model.config.scenario import SCENARIOS, load_scenario
-    from firmware_model.config.validation import printable
-
-    load_scenario(name)  # raises if it is missing or invalid
-    path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    print(printable(read_text(path), keep="\n\r\t"), end="")
-
-
 @scenario.command()
 def check(
-    file: Annotated[str, typer.Argument(help="A .toml file, or the name of a shipped one.", show_default=False)],
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="A .toml file, or the name of a shipped one.", show_default=False, autocompletion=complete("scenario")
+        ),
+    ],
 ) -> None:
     """Validate a scenario; print one line for each error, with its key and what is allowed, and exit with status 2.
 
@@ -58,7 +28,7 @@ def check(
     gustproof scenario check mine.toml
     """
     from firmware_model.config.scenario import load_scenario
-    from gustproof.report.scenarios import describe_scenario
+    from gustproof.report.catalogue import describe_scenario
 
     try:
         script = load_scenario(file)

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gustproof.cli.options import AsJson, check_output, print_json, progress, refuse_given
+from gustproof.cli.options import (
+    AsJson,
+    FigureData,
+    FigureLook,
+    check_output,
+    complete,
+    print_json,
+    progress,
+    refuse_given,
+)
+from gustproof.report.figure_style import SUFFIXES, FigureStyle, figures_as
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
@@ -40,7 +50,9 @@ class TunedAutopilot(Enum):
 
 def tune(
     context: typer.Context,
-    vehicle: Annotated[str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.")],
+    vehicle: Annotated[
+        str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+    ],
     law: Annotated[Structure, typer.Option(help="Structure of the law.")] = Structure.FLAGSHIP,
     slew: Annotated[
         float | None,
@@ -58,8 +70,11 @@ def tune(
         Path | None, typer.Option("-o", "--output", help="Write the law (.json) or the parameters (.params) here.")
     ] = None,
     figure: Annotated[
-        Path | None, typer.Option(help="Write the law beside the trade-off of error, slew and Ms here (.png).")
+        Path | None,
+        typer.Option(help="Write the law beside the trade-off of error, slew and Ms here (.png, .pdf or .svg)."),
     ] = None,
+    style: FigureLook = FigureStyle.SCREEN,
+    data: FigureData = False,
     as_json: AsJson = False,
 ) -> None:
     """Tune a law for a vehicle: the least attitude error in gusts at a torque slew and a sensitivity peak.
@@ -78,10 +93,11 @@ def tune(
     check_output(
         output, ".json" if autopilot is None else ".params", "a law file" if autopilot is None else "a parameter file"
     )
-    check_output(figure, ".png", "a figure")
+    check_output(figure, SUFFIXES, "a figure")
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if autopilot is None:
-        _tune_law(law, vehicles, script, slew, ms, output, figure, as_json=as_json)
+        with figures_as(style, data=data):
+            _tune_law(law, vehicles, script, slew, ms, output, figure, as_json=as_json)
     else:
         refuse_given(context, ("law", "figure"), "--for tunes the autopilot's own loops")
         _tune_autopilot(autopilot, vehicles, script, slew, ms, output, as_json=as_json)

@@ -15,6 +15,7 @@ from gustproof.cli.options import (
     AsJson,
     VehicleName,
     check_output,
+    complete,
     parse_positive_vector,
     print_json,
     progress,
@@ -31,7 +32,9 @@ _SHARE = 0.9  # [-] of the worst error, that a shrunk flight reaches by default
 
 
 def worst_case(
-    law: Annotated[str | None, typer.Argument(help=LAW_HELP, show_default=False)] = None,
+    law: Annotated[
+        str | None, typer.Argument(help=LAW_HELP, show_default=False, autocompletion=complete("law"))
+    ] = None,
     controller: Annotated[
         str | None,
         typer.Option(

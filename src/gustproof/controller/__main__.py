@@ -22,7 +22,7 @@ from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.entries.entry import parse_entry
 from gustproof.entries.stepper import CheckedStepper, make_stepper
 from gustproof.law.form import Law, Output, list_laws, load_law
-from gustproof.law.step import LawStepper
+from gustproof.law.step import LawStepper, is_cold
 
 _EXIT = {
     ControllerOutcome.DONE: 0,
@@ -84,6 +84,11 @@ def _read_scenario(options: argparse.Namespace) -> Scenario | None:
 
 
 def _fly(law: Flown, options: argparse.Namespace) -> int:
+    report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
+    if options.connect != "-":
+        connection.parse_target(options.connect)  # refused before anything is compiled
+    if is_cold():
+        report("compiling, once after an installation")
     if isinstance(law, Law):  # load or compile the machine code before the flight
         LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     realtime.freeze_gc(off=True)
@@ -91,7 +96,6 @@ def _fly(law: Flown, options: argparse.Namespace) -> int:
     references = () if script is None else script.references
     target = connection.parse_target(options.connect)
     signing = connection.make_signing(options, target)
-    report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
     flown = {"hold_height": options.height == "hold", "correct_attitude": options.attitude == "autopilot"}
     endpoint = ControllerEndpoint(law, (0, target.address), signing, references, report, **flown)
     for number in (signal.SIGINT, signal.SIGTERM):

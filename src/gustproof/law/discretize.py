@@ -1,35 +1,10 @@
-"""Discretisation of continuous controllers: Tustin's rule, and the law form of `gustproof.law.form`."""
+"""Discretisation of continuous controllers: the law form of `gustproof.law.form`."""
 
 import numpy as np
 
-from gustproof.errors import DesignError
 from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
-
-
-def tustin(K: Lti, dt: float) -> Lti:
-    """Return the controller at the sample time `dt` [s] by the trapezoidal rule.
-
-    The state is `x - dt/2 x'`: equal to that of `K` at rest, half a sample older in motion. So states keep their
-    meaning, and an input matrix becomes `dt (I - A dt/2)^-1 B`.
-
-    Raises
-    ------
-    DesignError
-        If `K` has a pole at 2/dt, where the rule is singular.
-    """
-    n = K.order
-    implicit = np.eye(n) - 0.5 * dt * K.A
-    if np.linalg.cond(implicit) > 1e12:
-        raise DesignError(f"the controller has a pole at 2/dt = {2.0 / dt:.4g} rad/s: choose another sample time")
-    inverse: Matrix = np.asarray(np.linalg.inv(implicit), dtype=np.float64)
-    return Lti(
-        A=inverse @ (np.eye(n) + 0.5 * dt * K.A),
-        B=dt * inverse @ K.B,
-        C=K.C @ inverse,
-        D=K.D + 0.5 * dt * K.C @ inverse @ K.B,
-        dt=dt,
-    )
 
 
 def central_law(

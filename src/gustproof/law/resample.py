@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Matrix, RateLimit
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import Lti
 
 _TOLERANCE = 1e-9

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.numerics.compiled import compiled, find_cache, kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.physics.sensors import float32
 from firmware_model.types import Vector
@@ -191,6 +191,12 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     z[: law.order], z[law.order : law.order + y.size] = x, y
     _step(sparse_law(law), z, command, np.empty(law.order))
     return z[: law.order], command
+
+
+def is_cold() -> bool:
+    """Return whether the first step of a law still has to be compiled, once after an installation."""
+    found = find_cache(_step_packed)
+    return found is not None and not found[1]
 
 
 class LawStepper:

@@ -9,7 +9,7 @@ The page changes two parameters of the flight over MAVLink: the scale of the gus
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Self
@@ -17,7 +17,9 @@ from typing import Any, Self
 import numpy as np
 
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
+from firmware_model.config.requirement import AXES, Metric
 from firmware_model.config.scenario import Scenario
+from firmware_model.config.timeline import timeline
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import RECORD, read_journal
@@ -45,6 +47,7 @@ class LivePage:
         self._buffer = TelemetryBuffer(
             scenario=scenario.name, law=pilot, vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
+            bands=[span._asdict() for span in timeline(scenario)], limits=_limits(scenario, vehicle), commands=[],
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
@@ -93,15 +96,15 @@ class LivePage:
             self._run(self._judge, journal)
         self._buffer.update(phase="flying")
 
-    def end(self, message: str, records: Records = _NO_RECORDS) -> None:
-        """Show the end of the flight and the requirement status of its journal records (n,)."""
+    def end(self, message: str, records: Records = _NO_RECORDS, commands: Sequence[str] = ()) -> None:
+        """Show the end of the flight, the requirement status of its journal records (n,), and `commands` to go on."""
         self._done.set()
         if self._station is not None:
             self._station.end()
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
         status = requirement_status(records, self._scenario, self._vehicle, over=True)
-        self._buffer.update(phase="over", message=message, lights=status)
+        self._buffer.update(phase="over", message=message, lights=status, commands=[*commands])
 
     def __enter__(self) -> Self:
         return self
@@ -142,6 +145,23 @@ class LivePage:
         self._requests[name] = value
         if self._station is not None:
             self._station.set_parameter(name, value)
+
+
+def _limits(scenario: Scenario, vehicle: Vehicle) -> dict[str, list[dict[str, Any]]]:
+    """Return lines for the charts by series: torque limits [N*m], and peaks of the angles [deg] in their windows."""
+    end_s = scenario.duration_s
+    torque = [{"axis": i, "value": limit, "from_s": 0.0, "to_s": end_s} for i, limit in enumerate(vehicle.torque_limit)]
+    peaks = [
+        {
+            "axis": None if each.axis is None else AXES.index(each.axis),
+            "value": each.at_most,
+            "from_s": each.from_s,
+            "to_s": end_s if each.to_s is None else each.to_s,
+        }
+        for each in scenario.require
+        if each.metric is Metric.PEAK and each.at_most is not None and not scenario.references
+    ]
+    return {"angles": peaks, "torque": torque}
 
 
 def _serve(station: GroundStation) -> None:

@@ -8,6 +8,7 @@ import scipy.linalg
 import scipy.optimize
 
 from gustproof.errors import DesignError
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti
 from gustproof.types import Array
 
@@ -99,17 +100,6 @@ def h2_norm(system: LinearSystem) -> float:
     else:
         gramian = scipy.linalg.solve_continuous_lyapunov(G.A, -G.B @ G.B.T)
     return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
-
-
-def bilinear_transform(G: Lti) -> Lti:
-    """Return the continuous system with `G(z)` at `z = (1 + s dt/2) / (1 - s dt/2)`; norms of gains are kept.
-
-    `G` must have no pole at z = -1.
-    """
-    n = G.order
-    M, scale = np.linalg.inv(G.A + np.eye(n)), 2.0 / G.dt**0.5
-    A = 2.0 / G.dt * M @ (G.A - np.eye(n))
-    return Lti(A=A, B=scale * M @ G.B, C=scale * G.C @ M, D=G.D - G.C @ M @ G.B)
 
 
 def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:

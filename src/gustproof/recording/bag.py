@@ -8,7 +8,7 @@ readers.
 import json
 import tempfile
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,29 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from firmware_model.config.files import TEXT, parse_json
+from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from firmware_model.guest.recorder import ESTIMATE
 from gustproof.recording import definitions
 from gustproof.recording.definitions import TYPES, definition
+from gustproof.recording.derived import (
+    EVENTS_TOPIC,
+    INFO,
+    REQUIREMENTS_TOPIC,
+    angle_records,
+    event_lines,
+    parse_scenario,
+    requirement_fields,
+)
 from gustproof.recording.mcap import messages
 from gustproof.recording.topics import (
+    ANGLE_TOPICS,
     BASE_LINK_FRD,
     ESTIMATE_TOPICS,
     ROTORS_TOPIC,
     TOPICS,
+    Topic,
     decode,
     encode,
     list_topics,
@@ -47,10 +59,17 @@ _LATCHED = Qos(*_RELIABLE, _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 Records = NDArray[np.void]
 
 
-def write_bag(path: Path, records: Records, flight: Mapping[str, Any], estimates: Records | None = None) -> None:
+def write_bag(
+    path: Path,
+    records: Records,
+    flight: Mapping[str, Any],
+    estimates: Records | None = None,
+    requirements: Iterable[Mapping[str, Any]] = (),
+) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
 
-    `estimates` (m,) are the attitudes that a real autopilot told, see `firmware_model.guest.recorder`.
+    `estimates` (m,) are the attitudes that a real autopilot told, see `firmware_model.guest.recorder`. The
+    `requirements` are results as JSON. With the scenario in `flight`, they and its events have topics for viewers.
 
     Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
     rates there is no topic /command/rates.
@@ -83,7 +102,8 @@ def write_bag(path: Path, records: Records, flight: Mapping[str, Any], estimates
         with writer:
             _write(writer, records, flight)
             if estimates is not None:
-                _write_estimates(writer, estimates)
+                _write_rows(writer, ESTIMATE_TOPICS, estimates)
+            _write_derived(writer, records, parse_scenario(flight), requirements)
         staged.rename(path)
 
 
@@ -179,12 +199,31 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
             writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
 
 
-def _write_estimates(writer: Writer, estimates: Records) -> None:
-    for topic in ESTIMATE_TOPICS:
+def _write_rows(writer: Writer, topics: Iterable[Topic], rows: Records) -> None:
+    """Write stamped `rows` (n,), one message a row on each topic."""
+    for topic in topics:
         connection = _add_topic(writer, topic.name, topic.message)
-        payload, size = encode(topic, estimates).tobytes(), topic.layout.itemsize
-        for i, time_us in enumerate(estimates["time_us"].astype(np.int64).tolist()):
+        payload, size = encode(topic, rows).tobytes(), topic.layout.itemsize
+        for i, time_us in enumerate(rows["time_us"].astype(np.int64).tolist()):
             writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+
+
+def _write_derived(
+    writer: Writer, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
+) -> None:
+    """Write the topics for viewers; those of events and requirements need the scenario."""
+    _write_rows(writer, ANGLE_TOPICS, angle_records(records, scenario))
+    if scenario is None:
+        return
+    end_us = int(records["time_us"][-1])
+    events = _add_topic(writer, EVENTS_TOPIC, definitions.LOG)
+    for time_us, text in event_lines(scenario, end_us):
+        log = (_stamp(time_us), INFO, "scenario", text, "", "", 0)
+        writer.write(events, time_us * 1000, _serialize(definitions.LOG, *log))
+    judged = _add_topic(writer, REQUIREMENTS_TOPIC, definitions.REQUIREMENT)
+    for result in requirements:
+        time_us, told = requirement_fields(result, scenario, end_us)
+        writer.write(judged, time_us * 1000, _serialize(definitions.REQUIREMENT, _header(time_us), *told))
 
 
 def read_estimate_topics(path: Path) -> Records:
@@ -215,5 +254,8 @@ def _serialize(message: str, *fields: Any) -> memoryview:
 
 
 def _header(time_us: int) -> Any:
-    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)
-    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_LINK_FRD)
+    return TYPES.types["std_msgs/msg/Header"](stamp=_stamp(time_us), frame_id=BASE_LINK_FRD)
+
+
+def _stamp(time_us: int) -> Any:
+    return TYPES.types["builtin_interfaces/msg/Time"](sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)

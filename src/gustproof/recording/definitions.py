@@ -8,7 +8,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import MOST_ROTORS
 
-FLIGHT, MODE, COMMAND_AGE = (f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "CommandAge"))
+FLIGHT, MODE, COMMAND_AGE, ANGLES, REQUIREMENT = (
+    f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "CommandAge", "Angles", "Requirement")
+)
+LOG = "rcl_interfaces/msg/Log"
+"""Standard type of a log line: viewers list it with its time."""
 _PLACES = {4: ": front right, rear left, front left, rear right"}
 
 
@@ -54,6 +58,38 @@ std_msgs/Header header
 # [samples] whole, from the sample of the command's timestamp to this one: the scenario's delay_samples if the command
 # came in time. NaN without a command in effect: on-board loops fly, or none has come.
 float64 age
+""",
+    ANGLES: """# Euler angles, ZYX: attitude, its reference, or attitude less reference.
+
+# stamp: model time from the flight's first commanded sample. frame_id: north-east-down.
+std_msgs/Header header
+
+# [deg]
+float64 roll
+float64 pitch
+float64 yaw
+""",
+    REQUIREMENT: """# A requirement of the scenario, at the end of its window, or of a flight that broke off before.
+
+# stamp: model time from the flight's first commanded sample. frame_id: the body, forward-right-down.
+std_msgs/Header header
+
+# The metric with its unit, such as peak_deg, and its axis: roll, pitch, yaw, or empty for all.
+string metric
+string axis
+
+# [s] window
+float64 from_s
+float64 to_s
+
+# [unit of the metric] limits and flown value; NaN if there is none.
+float64 at_least
+float64 at_most
+float64 value
+
+# False for a window that was not flown to its end; then held is false too.
+bool judged
+bool held
 """,
 }
 

@@ -1,5 +1,7 @@
 """Folders of runs; no run overwrites another."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from firmware_model.config.files import naming
@@ -31,6 +33,19 @@ def make_run_folder(out: Path | None, name: str) -> Path:
             number += 1
         else:
             return folder
+
+
+@contextmanager
+def unless_refused(folder: Path) -> Iterator[None]:
+    """Remove a run's folder if its flight is refused and left nothing there, and an empty folder of runs."""
+    try:
+        yield
+    except ConfigError:
+        with suppress(OSError):  # not empty
+            folder.rmdir()
+            if folder.parent == RUNS:
+                RUNS.rmdir()
+        raise
 
 
 def write_atomic(path: Path, text: str) -> None:

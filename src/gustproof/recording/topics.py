@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.vehicle import MOST_ROTORS
 from firmware_model.recording.journal import record_type
-from gustproof.recording.definitions import COMMAND_AGE, rotors_message
+from gustproof.recording.definitions import ANGLES, COMMAND_AGE, rotors_message
 
 MAP_NED = "map_ned"
 BASE_LINK_FRD = "base_link_frd"
@@ -90,6 +90,12 @@ ESTIMATE_TOPICS = (
     Topic("/autopilot/setpoint", _QUATERNION, MAP_NED, 4, {"setpoint_q_NB": _SCALAR_LAST}),
 )
 """Attitude and set-point as a real autopilot told them."""
+
+
+ANGLE_TOPICS = tuple(
+    Topic(f"/attitude/{name}", ANGLES, MAP_NED, 3, {name: (0, 1, 2)}) for name in ("euler", "reference", "error")
+)
+"""Euler angles for viewers, derived from the journal's attitude and the scenario's references."""
 
 
 def encode(topic: Topic, records: NDArray[np.void]) -> NDArray[np.void]:

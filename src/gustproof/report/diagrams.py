@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-from firmware_model.config.files import naming
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain
 from gustproof.model.lpv import PARAMETERS
+from gustproof.report.figure_style import save_figure
 
 _INK, _FILL, _ACCENT = "#222222", "#eef3f8", "#fdf0e6"
 _WIDTH, _HEIGHT, _RADIUS = 0.72, 0.36, 0.2
@@ -80,12 +80,6 @@ def save_interconnection(problem: Interconnection, title: str, path: Path) -> No
     figure.set_size_inches(0.62 * (right - left), 0.62 * (high - low) + 0.5)
     figure.suptitle(title, fontsize=12, color=_INK)
     save_figure(figure, path)
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the file's suffix."""
-    with naming(path):
-        figure.savefig(path, dpi=150)
 
 
 def place_nodes(problem: Interconnection) -> tuple[dict[str, Point], list[Point]]:

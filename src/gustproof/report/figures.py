@@ -1,4 +1,4 @@
-"""Time histories, loops and trade-offs as PNG. A law keeps its colour in every figure."""
+"""Time histories, loops and trade-offs as PNG, PDF or SVG. A law keeps its colour in every figure."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatter
 
 from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
 from gustproof.analysis.placement import ErrorLimits, Places
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.performance.tradeoff import TradeOff
-from gustproof.report.diagrams import save_figure
+from gustproof.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
 from gustproof.scoring.metrics import Metrics, attitude
 from gustproof.synthesis.tune import Tuning
 from gustproof.types import Array, Records
@@ -39,8 +40,11 @@ _COLOURS = {
 _DEFAULT_COLOUR = "#e69f00"
 _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
 _INK, _GRID = "#333333", "#dddddd"
+_CURVES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00")
+_MOST_TRACES = 4  # noisy traces in one panel that an eye can tell apart
 _AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_MOST_DB = 80.0
 _GAINS = (1e-4, 1e15)
 """[-] range of the drawn gains."""
 _ROUNDING = 1e-6
@@ -99,21 +103,22 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
 
 
 def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
-    """Draw singular values (n, k) over `frequency` (n,) [rad/s] by name, and their bound. Zeros are left out."""
-    figure = _new_figure((7.5, 4.8), title)
-    axes = figure.subplots()
-    colours = ("#0072b2", "#009e73", "#cc79a7", _DEFAULT_COLOUR)
-    for (name, values), colour in zip(curves.items(), colours, strict=False):
+    """Draw singular values (n, k) [dB] over `frequency` (n,) [rad/s] by name, and the bound of "w to z".
+
+    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out.
+    """
+    figure = _new_figure((4.2 * len(curves) + 0.4, 4.2), title)
+    for axes, (name, values), colour in zip(panels(figure, 1, len(curves)), curves.items(), _CURVES, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
-        lines = axes.loglog(frequency, _clip_gains(real), color=colour, linewidth=1.3)
-        lines[0].set_label(name)
-    _limit_floor(axes)
-    axes.axhline(level, color="#d55e00", linestyle="--", label=f"γ = {level:.4g}")
-    _style_axes(axes, "singular values [-]")
-    axes.grid(visible=True, which="minor", color=_GRID, linewidth=0.3)
-    axes.set_xlabel("frequency [rad/s]")
-    axes.set_xlim(frequency[0], frequency[-1])
-    axes.legend(frameon=False, fontsize=9)
+        lines = axes.semilogx(frequency, _decibels(real), color=colour, linewidth=1.3)
+        peak = float(np.max(real))
+        lines[0].set_label(f"{name}, peak {peak:.2f}" if name.startswith("S") else name)
+        bound, label = (level, f"γ = {level:.4g}") if name == "w to z" else (1.0, "0 dB")
+        axes.axhline(20.0 * math.log10(bound), color="#d55e00", linestyle="--", linewidth=1.0, label=label)
+        _limit_floor(axes)
+        _style_axes(axes, "singular values [dB]", x_label="frequency [rad/s]")
+        axes.set_xlim(frequency[0], frequency[-1])
+        axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
     save_figure(figure, path)
 
 
@@ -124,7 +129,7 @@ def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metr
     """
     places = {name: place for name, place in placed.items() if place is not None}
     figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
-    whole, near = figure.subplots(1, 2)
+    whole, near = panels(figure, 1, 2)
     for axes in (whole, near):
         for curve, shade in zip(limits.curves, _SHADES, strict=False):
             axes.plot(curve.Ms, curve.rmse_deg, color=shade, label=f"least of linear laws, slew {curve.slew:g} N m/s")
@@ -142,18 +147,20 @@ def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metr
     least = min([limits.gyro_any_slew_deg, *(flown[law].rmse_deg for law in places)])
     near.set_ylim(0.9 * least, 3.0 * limits.gyro_any_slew_deg)
     known = f"with state and air known exactly: {limits.clairvoyant_deg:.2g} deg"
-    near.text(0.98, 0.95, known, transform=near.transAxes, ha="right", fontsize=9, color=_INK)
+    near.text(0.98, 0.95, known, transform=near.transAxes, ha="right", fontsize=font_size(9), color=_INK)
     handles, labels = whole.get_legend_handles_labels()
     handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
     labels.append("ring: predicted average over many flights; disc: flown")
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=1 if is_paper() else 3, frameon=False, fontsize=font_size(9)
+    )
     save_figure(figure, path)
 
 
 def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[TradeOff]], path: Path) -> None:
     """Draw the error of a tuned law beside the least of linear laws, over the slew and over the sensitivity peak."""
     figure = _new_figure((11.0, 4.6), f"{tuning.law.name}: {tuning.scenario}")
-    over_slew, over_peak = figure.subplots(1, 2, sharey=True)
+    over_slew, over_peak = panels(figure, 1, 2, sharey=True)
     for axes, points, value, own, label, title in (
         (over_slew, curves[0], "slew", tuning.slew, "torque slew [N m/s]", f"at Ms {tuning.Ms:.2f}"),
         (over_peak, curves[1], "sensitivity_peak", tuning.Ms, "Ms, the worst axis [-]", f"at {tuning.slew:.3g} N m/s"),
@@ -162,50 +169,65 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
         axes.plot(xs, ys, color=_SHADES[1], marker=".", label="least of linear gyro-only laws")
         axes.plot(own, math.degrees(tuning.rmse), "o", color=_colour(str(tuning.kind)), label=tuning.law.name)
         _style_axes(axes, "RMSE, three axes [deg]", title, label)
-    over_slew.legend(frameon=False, fontsize=9)
+    over_slew.legend(frameon=False, fontsize=font_size(9))
     save_figure(figure, path)
 
 
 def save_analysis(analysis: Analysis, path: Path) -> None:
-    """Draw Bode plot, sensitivities, and the flights through a moment step and through the scenario."""
-    figure = _new_figure((11.0, 8.0), f"{analysis.law.name}: {analysis.scenario.name}")
-    ((gain, S), (phase, step), (torque, air)) = figure.subplots(3, 2)
-    if len(analysis.hover.loop):
+    """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario."""
+    has_loop = bool(len(analysis.hover.loop))
+    figure = _new_figure((11.0, 8.0 if has_loop else 3.4), f"{analysis.law.name}: {analysis.scenario.name}")
+    drawn = panels(figure, 3 if has_loop else 1, 2 if has_loop else 3)
+    if has_loop:
+        gain, S, phase, *flights = drawn
         _draw_loop(analysis.hover, gain, phase, S)
     else:
-        for axes in (gain, phase, S):
-            axes.text(0.5, 0.5, "no torque loop: it commands rates", transform=axes.transAxes, ha="center", color=_INK)
+        flights = drawn
     height = ", ".join(f"{value:g}" for value in analysis.step_moment)
     stepped, flown = analysis.step_records, analysis.records
-    for axes, records, values, label, title in (
-        (step, stepped, np.degrees(attitude(stepped)), "angles [deg]", f"moment step, {height} N m"),
-        (air, flown, np.degrees(attitude(flown)), "angles [deg]", "flown"),
-        (torque, flown, flown["torque_command_B"], "torque command [N m]", "flown"),
+    for axes, records, values, label, title in zip(
+        flights,
+        (stepped, flown, flown),
+        (np.degrees(attitude(stepped)), flown["torque_command_B"], np.degrees(attitude(flown))),
+        ("angles [deg]", "torque command [N m]", "angles [deg]"),
+        (f"moment step, {height} N m", "flown", "flown"),
+        strict=True,
     ):
         for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
         _style_axes(axes, label, title, "time [s]")
-    for axes, label, title in (
-        (gain, "|L| [-]", "loop at the plant's input"),
-        (phase, "arg L [deg]", "loop at the plant's input"),
-        (S, "singular value [-]", "sensitivity at the plant's input"),
-    ):
-        _style_axes(axes, label, title, "frequency [rad/s]")
-    for axes in (gain, S, step):
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(frameon=False, fontsize=8)
+    flights[0].legend(frameon=False, fontsize=font_size(8))
     save_figure(figure, path)
 
 
 def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
-    """Draw gain and phase of the loop at the plant's input axis by axis, and the sensitivities."""
-    for axis, values, colour in zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True):
-        gain.loglog(hover.omega, _clip_gains(np.abs(values)), color=colour, linewidth=1.2, label=axis)
+    """Draw gain [dB] and phase of the loop at the plant's input axis by axis, with its margins, and sensitivities."""
+    for i, (axis, values, colour) in enumerate(zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
         angles = np.degrees(np.unwrap(np.angle(values)))
-        phase.semilogx(hover.omega, angles - 360.0 * np.ceil(angles[0] / 360.0), color=colour, linewidth=1.2)
-    gain.axhline(1.0, color=_INK, linestyle="--", linewidth=0.8)
+        turns = 360.0 * np.ceil(angles[0] / 360.0)
+        label, told = axis, ""
+        if hover.margins is not None:
+            margins = hover.margins.input[i]
+            label = f"{axis}: GM {20.0 * math.log10(margins.gain_margin):.1f} dB"
+            told = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
+            for axes in (gain, phase) if 0.0 < margins.crossover < math.inf else ():
+                axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
+        gain.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
+        phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=told or axis)
+    gain.axhline(0.0, color=_INK, linestyle="--", linewidth=0.8)
+    phase.axhline(-180.0, color=_INK, linestyle="--", linewidth=0.8)
     for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
-        S.loglog(hover.omega, _clip_gains(values), color=colour, linewidth=1.2, label=f"largest of {name}")
+        peak = float(np.max(values))
+        label = f"largest of {name}, peak {peak:.2f}"
+        S.semilogx(hover.omega, _decibels(values), color=colour, linewidth=1.2, label=label)
+        S.axhline(float(_decibels(np.array(peak))), color=colour, linestyle=":", linewidth=0.9)
+    for axes, label, title in (
+        (gain, "|L| [dB]", "loop at the plant's input"),
+        (phase, "arg L [deg]", "loop at the plant's input"),
+        (S, "singular value [dB]", "sensitivity at the plant's input"),
+    ):
+        _style_axes(axes, label, title, "frequency [rad/s]")
+        axes.legend(frameon=False, fontsize=font_size(8), loc="lower left")
     for axes in (gain, S):
         _limit_floor(axes)
 
@@ -213,43 +235,64 @@ def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
 def _draw_stacked(
     flights: Flights, values: Callable[[Records], Array], labels: tuple[str, ...], title: str, path: Path
 ) -> None:
+    """Draw three axes below each other; of more than `_MOST_TRACES` flights the rms of each second, on a log axis."""
     figure = _new_figure((8.0, 6.4), title)
-    rows = figure.subplots(3, 1, sharex=True)
+    rows = panels(figure, 3, 1, sharex=True)
+    many = len(flights) > _MOST_TRACES
     curves = {law: values(records) for law, records in flights.items()}
     # The most agitated curve is drawn first, as it would hide the others.
     for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
         time, columns = _time(flights[law]), curves[law]
+        if many:
+            time, columns = _rms_by_second(time, columns)
         for i, axes in enumerate(rows):
             axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):
         _style_axes(axes, label)
+        if many:
+            _style_rms(axes, label)
     rows[-1].set_xlabel("time [s]")
     rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
     if any(flights):
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
-        figure.legend(lines, list(flights), loc="outside lower center", ncols=6, frameon=False)
+        figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
     save_figure(figure, path)
 
 
-def _clip_gains(gains: Array) -> Array:
-    """Return gains for a logarithmic axis: 0 and smaller gains than drawn lie below its end."""
-    least, most = _GAINS
-    return np.clip(gains, 0.1 * least, most)
+def _style_rms(axes: Axes, label: str) -> None:
+    """Make the axis of an rms logarithmic, with plain numbers."""
+    axes.set_ylabel(f"{label}\nrms of 1 s")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+    axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+
+
+def _rms_by_second(time: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the middle of each begun second (m,) [s] and the rms (m, k) of `columns` (n, k) in it."""
+    second = np.floor(time + 1e-9).astype(int)
+    starts = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    counts = np.diff(np.append(starts, len(time)))[:, np.newaxis]
+    rms = np.sqrt(np.add.reduceat(columns * columns, starts, axis=0) / counts)
+    return second[starts] + 0.5, np.where(rms > 0.0, rms, np.nan)
+
+
+def _decibels(gains: Array) -> Array:
+    """Return gains in dB; 0 and smaller gains than drawn lie below the axis' end."""
+    return np.asarray(20.0 * np.log10(np.clip(gains, 0.1 * _GAINS[0], _GAINS[1])))
 
 
 def _limit_floor(axes: Axes) -> None:
-    """Cut a logarithmic axis below the least drawn gain."""
-    axes.set_ylim(bottom=max(axes.get_ylim()[0], _GAINS[0]))
+    """Cut an axis [dB] below the least drawn gain, and where the loop's gain is large whatever it is."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(max(low, 20.0 * math.log10(_GAINS[0])), min(high, _MOST_DB))
 
 
 def _new_figure(size: tuple[float, float], title: str) -> Figure:
-    figure = Figure(figsize=size, layout="constrained")
-    figure.suptitle(title, fontsize=12, color=_INK)
-    return figure
+    return new_figure(size, title, colour=_INK)
 
 
 def _style_axes(axes: Axes, label: str, title: str = "", x_label: str = "") -> None:
-    axes.set_title(title, fontsize=10, color=_INK)
+    axes.set_title(title, fontsize=font_size(10), color=_INK)
     axes.set_xlabel(x_label)
     axes.set_ylabel(label)
     axes.grid(visible=True, color=_GRID, linewidth=0.6)

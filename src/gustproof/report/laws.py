@@ -59,9 +59,13 @@ def render_design(report: DesignReport) -> Renderable:
     figures = report.to_dict()
     levels = Table("", "", title=f"Design {figures['design']}: {figures['description']}", show_header=False)
     least = figures["gamma_opt"]
-    levels.add_row("least level, gamma_opt", "not solvable" if least is None else f"{least:.5f}")
+    if least is not None:
+        levels.add_row("least level, gamma_opt", f"{least:.5f}")
     levels.add_row("level designed for, gamma", f"{figures['gamma']:.5f}")
-    levels.add_row("norm achieved", f"{figures['norm']:.5f} at {format_margin(figures['norm_omega_rad_s'])} rad/s")
+    frequency = figures["norm_omega_rad_s"]
+    levels.add_row("norm achieved", f"{figures['norm']:.5f}" + (f" at {frequency:.3g} rad/s" if frequency else ""))
+    for check in figures["checks"]:
+        levels.add_row("checked", check)
     levels.add_row("controller states", str(figures["order"]))
     levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
     levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
@@ -76,7 +80,7 @@ def render_design(report: DesignReport) -> Renderable:
 
 
 def save_design_figure(report: DesignReport, path: Path) -> None:
-    """Draw the singular values of a design as PNG."""
+    """Draw the singular values of a design."""
     from gustproof.report.figures import save_singular_values
 
     values = report.singular_values(_FREQUENCIES)

@@ -33,6 +33,7 @@ from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.tune import default_slew, tune_law
 
+_BEFORE, _AFTER = 0.15, 0.9  # shares of the work that are done when the flights begin and end
 SCENARIOS = ("paper", "paper-turbulence", "coning", "bias")
 _CASCADES = ("pid-default", "pid-fair", "indi", "flagship", "flagship-robust", "aided")
 LAWS = (*_CASCADES, "hinf-d1", "hinf-d1-noise", "hinf-d2", "hinf-scheduled", "hinf-rates")
@@ -153,12 +154,15 @@ def reproduce(
     (out / "laws").mkdir()
     for law in laws.values():
         law.save(out / "laws" / f"{law.name}.json")
-    progress(0.0, "performance limits")
-    margins = {name: hover_margins(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
-    robust = {name: axis_robustness(law, vehicle, scenarios["paper"]) for name, law in laws.items()}
+    margins, robust = {}, {}
+    for i, (name, law) in enumerate(laws.items()):
+        progress(_BEFORE * i / len(laws), f"margins of {name}")
+        margins[name] = hover_margins(law, vehicle, scenarios["paper"])
+        robust[name] = axis_robustness(law, vehicle, scenarios["paper"])
     stability_factor = {name: min(x.certified for x in axes) if axes else None for name, axes in robust.items()}
     air = scenarios["paper-turbulence"]
     slew = SLEW if vehicle.name == _PAPER else default_slew(vehicle, air)
+    progress(_BEFORE, "performance limits")
     limits, places = performance_limits(laws, margins, vehicle, air, slew)
     plans = [
         FlightPlan(scenario, law, vehicle, seed, real_time=False)
@@ -166,7 +170,8 @@ def reproduce(
         for law in laws.values()
         for seed in _select_seeds(law.name, seeds, scenario)
     ]
-    flights = _fly_all(plans, out / "bags", progress)
+    flights = _fly_all(plans, out / "bags", lambda share, name: progress(_BEFORE + share * (_AFTER - _BEFORE), name))
+    progress(_AFTER, "figures and verdicts")
     medians = {law: {scenario: _median_of(flights, scenario, law) for scenario in scenarios} for law in laws}
     _, solved = derive(load_design("D1"), vehicle)
     reproduction = Reproduction(
@@ -183,6 +188,7 @@ def reproduce(
     (out / "summary.json").write_text(json.dumps(reproduction.to_dict(), indent=2) + "\n", encoding="utf-8")
     _draw(reproduction, flights, solved.problem, out / "figures")
     save_text(reproduction.render(), out / "report.txt")
+    progress(1.0, "written")
     return reproduction
 
 
@@ -193,10 +199,10 @@ def _judge_claims(
     solved: DesignReport,
 ) -> tuple[Claim, ...]:
     """Return the verdicts; none if a law that the claims are about was not flown."""
-    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.result.gamma_opt is None:
+    if not {*PAPER_LAWS, "pid-fair"} <= set(laws) or solved.gamma_opt is None:
         return ()
     highest = max(peak_rate(flight.records) for flight in flights if flight.matches("paper", "hinf-d1"))
-    figures = {"norm": solved.result.norm, "gamma_opt": solved.result.gamma_opt}
+    figures = {"norm": solved.result.norm, "gamma_opt": solved.gamma_opt}
     return judge_claims(medians, laws, peak_rate=highest, **figures)
 
 

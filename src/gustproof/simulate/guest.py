@@ -19,6 +19,7 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.scenario import Scenario
+from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.guest import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, GuestOutcome, scenario_for
@@ -60,7 +61,7 @@ class ForeignAutopilot:
     def __post_init__(self) -> None:
         """Check the kind."""
         if self.kind not in AUTOPILOTS:
-            raise ConfigError(f"--autopilot: '{self.kind}' is none of {', '.join(AUTOPILOTS)}")
+            raise ConfigError(f"--autopilot: {none_of(self.kind, AUTOPILOTS)}")
 
     @property
     def name(self) -> str:

@@ -114,8 +114,12 @@ def fly_plan(
         ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
         options = [*pacing, *ports, *logged]
-        with _ProcessPair(files, plan, journal, options, kill_schedule(scenario)) as pair:
-            outcome = pair.fly(scenario.samples, progress or (lambda _: None), on_listening or (lambda *_: None))
+        try:
+            with _ProcessPair(files, plan, journal, options, kill_schedule(scenario)) as pair:
+                outcome = pair.fly(scenario.samples, progress or (lambda _: None), on_listening or (lambda *_: None))
+        except ConfigError:
+            _remove_unflown(journal, log, vehicle.rotors.count)
+            raise
     summary = pair.summary
     records = (
         read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=record_type(plan.vehicle.rotors.count))
@@ -128,6 +132,13 @@ def fly_plan(
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
     )  # fmt: skip
+
+
+def _remove_unflown(journal: Path, log: Path, rotors: int) -> None:
+    """Remove the files of a flight that was refused before its first sample."""
+    if not (journal.exists() and count_records(journal, rotors)):
+        for file in (journal, log):
+            file.unlink(missing_ok=True)
 
 
 def _check_rate(scenario: Scenario, pilot: Pilot) -> None:

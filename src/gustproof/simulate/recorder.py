@@ -115,7 +115,8 @@ def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
             if not (bag.exists() and read_bag(bag)[1].tobytes() == flight.records.tobytes()):
                 timing = {} if flight.timing is None else {"pace": dict(flight.timing)}
                 about = {**metadata, "outcome": flight.outcome.name.lower(), **timing}
-                write_bag(bag, flight.records, about, flight.estimates)
+                judged = [result.to_dict() for result in flight.requirements]
+                write_bag(bag, flight.records, about, flight.estimates, judged)
         except OSError as error:
             kept = f"what was flown is in {journal}: make room, then gustproof recover {bag.parent}"
             raise FlightError(f"{bag}: {error.strerror}; {kept}") from None

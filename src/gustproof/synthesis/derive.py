@@ -16,14 +16,14 @@ from gustproof.lti.margins import LoopMargins, Margins, margins
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.model.interconnection import Interconnection
 from gustproof.performance.step_response import StepResponse, step_response
+from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.designs import Design, Weight, design_problem, model_damping
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
-from gustproof.synthesis.structured.hinfstruct import StructResult
 from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 
-Solver = Callable[[Design, Interconnection], HinfResult | StructResult]
+Solver = Callable[[Design, Interconnection], CheckedController]
 """Function that returns the controller for a design's labelled diagram."""
 
 
@@ -37,7 +37,7 @@ class DesignReport:
     """Name of the vehicle."""
     problem: Interconnection
     """Labelled diagram of the problem."""
-    result: HinfResult | StructResult
+    result: CheckedController
     """Controller, levels and achieved norm."""
     continuous: Margins
     """Margins of the continuous controller in the design model."""
@@ -45,6 +45,12 @@ class DesignReport:
     """Margins of the law at its sample time, the plant's input held and one sample late."""
     step: StepResponse | None
     """Response of the vehicle without leak to a step of the reference; `None` for a regulator."""
+
+    @property
+    def gamma_opt(self) -> float | None:
+        """Least level of any controller, if the method tells it."""
+        least: float | None = getattr(self.result, "gamma_opt", None)
+        return least
 
     def poles(self) -> ComplexMatrix:
         """Return the controller's poles, (n,) [rad/s], slowest first."""
@@ -71,9 +77,10 @@ class DesignReport:
             "vehicle": self.vehicle,
             "law": self.design.law or self.design.name,
             "order": self.result.order,
-            "gamma_opt": self.result.gamma_opt,
+            "gamma_opt": self.gamma_opt,
             "gamma": self.result.gamma,
             "norm": self.result.norm,
+            "checks": list(self.result.checks),
             "norm_omega_rad_s": _nonfinite_to_none({"": self.result.omega})[""],
             "leak_per_s": self.design.leak,
             "scheduled": self.design.scheduled,
@@ -128,7 +135,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     return law, report
 
 
-def make_law(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Law:
+def make_law(design: Design, vehicle: Vehicle, result: CheckedController) -> Law:
     """Return the law of a design from its controller."""
     rates = design.rate_loop_lag is not None
     return central_law(
@@ -155,10 +162,11 @@ def _loop(problem: Interconnection, controller: Lti) -> tuple[Lti, Lti]:
     return problem.system(("u",), fed_back), controller.subsystem(slice(None), inputs)
 
 
-def _make_provenance(design: Design, vehicle: Vehicle, result: HinfResult | StructResult) -> Provenance:
+def _make_provenance(design: Design, vehicle: Vehicle, result: CheckedController) -> Provenance:
     parameters = {"gamma": result.gamma, "norm": result.norm, "leak_per_s": design.leak}
-    if result.gamma_opt is not None:
-        parameters["gamma_opt"] = result.gamma_opt
+    least: float | None = getattr(result, "gamma_opt", None)
+    if least is not None:
+        parameters["gamma_opt"] = least
     if design.inner is not None:
         natural, ratio = design.inner.without_delay()
         parameters |= _by_axis("inner_omega_rad_s", natural.tolist()) | _by_axis("inner_damping", ratio.tolist())

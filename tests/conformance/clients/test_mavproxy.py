@@ -117,7 +117,7 @@ def test_its_user_arms_changes_mode_and_pings(console):
     # Its "mode NAME" fails with the modes of any PX4: it takes the three numbers of one for a single number.
     console.type("long DO_SET_MODE 1 6 0")
     console.expect("DO_SET_MODE: TEMPORARILY_REJECTED")
-    console.expect("AP: .*OFFBOARD refused")
+    console.expect("AP: .*OFFBOARD rejected")
     console.type("long DO_SET_MODE 1 3 0")
     console.expect("Mode POSCTL")
     console.type("arm throttle")

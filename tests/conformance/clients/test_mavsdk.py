@@ -64,7 +64,7 @@ def test_attitudes_and_rates_are_flown_off_board_and_given_back(vehicle, run_pro
     facts = run_program(PROGRAM, "fly_off_board", vehicle.off_board, timeout_s=150.0)
     without_setpoint, asked_anyway = facts["without"]
     assert without_setpoint == "NO_SETPOINT_SET"
-    assert asked_anyway == {"result": DENIED_NOW, "said": "no off-board set-points: OFFBOARD refused"}
+    assert asked_anyway == {"result": DENIED_NOW, "said": "OFFBOARD rejected: no set-points"}
     assert facts["rolled_deg"] == pytest.approx(10.0, abs=2.0)
     assert facts["yaw_rate_deg"] == pytest.approx(30.0, abs=3.0)
     assert facts["roll_rate_deg"] == pytest.approx(0.0, abs=3.0)
@@ -75,7 +75,7 @@ def test_attitude_and_torque_setpoints_take_turns(stand, run_program):
         facts = run_program(PROGRAM, "alternate_setpoints", vehicle.off_board, timeout_s=150.0)
         rejected = vehicle.stop()["links"][f"127.0.0.1:{vehicle.off_board}"]["rejected"]
     assert [phase["modes"] for phase in facts["phases"]] == [["OFFBOARD"]] * 3
-    assert not any("fail-safe" in text for text in facts["texts"])
+    assert not any("failsafe" in text for text in facts["texts"])
     assert rejected == {}
     echoed = ["ATTITUDE_TARGET", "ACTUATOR_CONTROL_TARGET", "ATTITUDE_TARGET"]
     for phase, wanted in zip(facts["phases"], echoed, strict=True):

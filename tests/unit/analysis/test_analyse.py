@@ -135,13 +135,13 @@ def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(sc
     gain, S, phase, *_ = drawn[0].axes
     for axes in (gain, S, phase):
         assert all(line.get_xdata()[-1] < 0.99 * np.pi / 0.004 for line in axes.lines if len(line.get_xdata()) > 2)
-    assert [axes.get_ylim()[0] for axes in (gain, S)] == [1e-4, 1e-4]
+    assert [axes.get_ylim()[0] for axes in (gain, S)] == [-80.0, -80.0]  # dB
     assert all(np.max(np.abs(np.diff(line.get_ydata()))) < 15.0 for line in phase.lines)
 
 
 def test_the_figure_has_bode_sensitivities_step_and_air(scheduled, drawn, tmp_path):
     figures.save_analysis(scheduled, tmp_path / "x.png")
     gain, S, phase, step, torque, air = drawn[0].axes
-    assert [len(axes.lines) for axes in (gain, S, phase, step, torque, air)] == [4, 2, 3, 3, 3, 3]
+    assert [len(axes.lines) for axes in (gain, S, phase, step, torque, air)] == [7, 4, 7, 3, 3, 3]
     assert phase.lines[0].get_ydata()[0] <= 0.0
     assert np.ptp(step.lines[0].get_ydata()) > 0.0

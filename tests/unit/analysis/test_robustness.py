@@ -41,7 +41,7 @@ def test_shipped_laws_are_certified_nearly_up_to_an_unstable_member(name, certif
     assert len(axes) == 3
     assert certified <= min(axis.certified for axis in axes)
     assert min(axis.unstable.times for axis in axes) <= unstable  # an independent review's figure, rounded
-    text = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "src/gustproof/guide/laws.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
     floor = [math.floor(1000.0 * spread * min(axis.certified for axis in axes)) / 10.0 for spread in (0.2, 0.3)]
     assert f"certified stable with inertia ±{floor[0]:g} % and lag ±{floor[1]:g} % off" in row

@@ -14,16 +14,15 @@ from gustproof.baselines.linear.l1 import L1Gains, build_l1
 from gustproof.baselines.linear.loop_shaping import (
     LoopShapingGains,
     build_loop_shaping,
-    robust_controller,
     shaped_plant,
 )
 from gustproof.baselines.linear.lqg import LqgGains, build_lqg, filter_gain, regulator_gain, strapdown_flight
 from gustproof.law.cascade import AxisLaw
-from gustproof.law.discretize import tustin
-from gustproof.lti.norms import bilinear_transform, hinf_norm
+from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, gain, lft, sensitivity
 from gustproof.performance.covariance import AxisModel, augmented_axis, axis_models, open_loop
 from gustproof.performance.limits import kalman_gain
+from gustproof.synthesis.coprime.ncfsyn import ncfsyn
 
 AIR, PAPER = load_scenario("paper-turbulence"), load_vehicle("paper")
 LAG, DT = PAPER.actuator_lag, AIR.dt
@@ -124,8 +123,8 @@ def test_the_filter_of_lqg_is_the_optimal_one_without_fictitious_noise() -> None
 
 def test_loop_shaping_withstands_the_uncertainty_of_its_gamma() -> None:
     plant = shaped_plant(SHAPING, roll())
-    K, gamma = robust_controller(bilinear_transform(plant))
-    K = tustin(K, DT)
+    result = ncfsyn(plant)
+    K, gamma = result.robust, result.gamma
     # [K; I] (I - G K)^-1 [I, G], as an interconnection with inputs (w1, w2) and outputs (u, y), y = w1 + G (w2 + u)
     G = plant
     B = np.hstack([np.zeros((G.order, 1)), G.B, G.B])
@@ -139,5 +138,4 @@ def test_loop_shaping_withstands_the_uncertainty_of_its_gamma() -> None:
 
 def test_least_gamma_of_a_pure_gain_is_known() -> None:
     # an integrator: X = Z = 1, so that the least gamma is the square root of 2
-    _, gamma = robust_controller(Lti(A=[[0.0]], B=[[1.0]], C=[[1.0]], D=gain(0.0).D))
-    assert gamma == pytest.approx(1.1 * math.sqrt(2.0))
+    assert ncfsyn(Lti(A=[[0.0]], B=[[1.0]], C=[[1.0]], D=gain(0.0).D)).gamma == pytest.approx(1.1 * math.sqrt(2.0))

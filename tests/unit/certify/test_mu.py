@@ -11,7 +11,8 @@ from gustproof.certify.mu import singular_value
 from gustproof.certify.mu.scalings import best_scalings
 from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
 from gustproof.certify.mu.sweep import add_performance_block
-from gustproof.certify.mu.worst_gain import restrict, worst_gain
+from gustproof.certify.mu.worst_gain import restrict, wcgain
+from gustproof.certify.mu.worst_margin import wcmargin
 from gustproof.lti import margins
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti, discretize_zoh, gain
@@ -113,7 +114,7 @@ def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
 
 
 def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
-    found = worst_gain(oscillator(1.0, ureal("c", low=0.1, high=0.3)))
+    found = wcgain(oscillator(1.0, ureal("c", low=0.1, high=0.3)))
     assert found.lower == pytest.approx(1.0 / (0.1 * math.sqrt(1.0 - 0.1**2 / 4.0)), rel=1e-6)
     assert found.delta == {"c": -1.0}
     assert found.lower <= found.upper <= 1.03 * found.lower
@@ -123,7 +124,7 @@ def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
 @pytest.mark.parametrize(("angle", "rate", "lower"), [(0.3, 0.5, 0.279), (0.5, 1.0, 0.321), (0.8, 1.5, 0.434)])
 def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_within_five_percent(angle, rate, lower):
     system = attitude_loop(angle, rate)
-    found = worst_gain(system)
+    found = wcgain(system)
     assert found.lower == pytest.approx(lower, rel=0.005)
     assert found.gap < 0.05
     assert hinf_norm(system.substitute(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
@@ -146,7 +147,7 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)
     truth = 1.0 / (0.05 * math.sqrt(0.3 - 0.05**2 / 4.0))
-    one, many = worst_gain(system, accuracy=1e-3), worst_gain(system, accuracy=1e-3, boxes=3)
+    one, many = wcgain(system, accuracy=1e-3), wcgain(system, accuracy=1e-3, boxes=3)
     assert many.lower == pytest.approx(truth, rel=1e-6)
     assert truth <= many.upper <= one.upper
     assert many.gap < 0.01
@@ -219,9 +220,31 @@ def test_what_has_no_mu_is_refused():
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
         mu(oscillator(ureal("k", low=-3.0, high=1.0), 0.2))
     with pytest.raises(ValueError, match="no worst gain"):
-        worst_gain(Uncertain(M=gain([[1.0]]), blocks=()))
+        wcgain(Uncertain(M=gain([[1.0]]), blocks=()))
 
 
 def test_an_unstable_member_makes_the_worst_gain_infinite():
-    found = worst_gain(oscillator(1.0, ureal("c", low=-0.1, high=0.3)), boxes=2)
+    found = wcgain(oscillator(1.0, ureal("c", low=-0.1, high=0.3)), boxes=2)
     assert math.isinf(found.upper)
+
+
+INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], D=[[0.0]])
+
+
+def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
+    low, high = wcmargin(ureal("gain", low=0.5, high=1.5) @ INTEGRATOR, accuracy=0.1)
+    worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))
+    assert low <= worst[1]
+    assert high >= worst[0]
+    assert high <= 1.25 * low
+
+
+def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():
+    third_order = Lti(A=[[0, 1, 0], [0, 0, 1], [-1, -3, -3]], B=[[0], [0], [1]], C=[[1, 0, 0]], D=[[0]])
+    assert wcmargin(ureal("gain", low=2.0, high=9.0) @ third_order) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="no blocks"):
+        wcmargin(Uncertain(M=INTEGRATOR))
+    with pytest.raises(ValueError, match="must be square"):
+        wcmargin(ureal("gain", low=0.5, high=1.5) @ gain([[1.0, 1.0]]))
+    with pytest.raises(ValueError, match="unstable at Delta = 0"):
+        wcmargin(ureal("gain", low=8.5, high=9.5) @ third_order)

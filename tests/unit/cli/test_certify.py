@@ -3,6 +3,7 @@
 import json
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.gain.l2_gain import attitude_loop
+from gustproof.certify.gain.parts import Delay
 from gustproof.cli.app import app
 from gustproof.lti.state_space import gain
 from gustproof.model.rotational import Envelope
@@ -137,9 +139,10 @@ def test_what_is_asked_of_a_gain_is_handed_on(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", certify_gain)
     assert run("D2", *ENVELOPE, "--slow", "--level", "0.3").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": False, "rate_bounded": True, "level": 0.3}
+    plain: dict[str, object] = {"angle": 0.01, "rate": 0.01, "delay": None, "saturation": None}
+    assert asked == {**plain, "scheduled": False, "rate_bounded": True, "level": 0.3}
     assert run("D2", *ENVELOPE, "--exact-rho").exit_code == 0
-    assert asked == {"angle": 0.01, "rate": 0.01, "scheduled": True, "rate_bounded": False, "level": None}
+    assert asked == {**plain, "scheduled": True, "rate_bounded": False, "level": None}
 
 
 def test_what_is_not_proved_has_status_1_and_leaves_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -174,7 +177,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("D2", *ENVELOPE, "--leak", "inf"), "--leak: is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "inf"), "level is inf, must be positive"),
         (("D2", *ENVELOPE, "--level", "nan"), "level is nan, must be positive"),
-        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only: the diagram has no block"),
+        (("hinf-rates", *ENVELOPE), "design R1: certify supports torque designs only; this one has no airframe"),
         (("hinf-reference", *ENVELOPE), "design reference: certify supports designs that hold level only"),
         (("hinf-d2", "--horizon", "-1"), "horizon is -1.0 s, must be positive"),
         (("hinf-d2", "--horizon", "1e9"), "horizon is 1000000000.0 s, must be positive, at most 1000000 s"),
@@ -226,7 +229,7 @@ def test_an_air_is_predicted_and_not_called_proven() -> None:
     [
         (("flagship", "--air", "calm"), "has no turbulence"),
         (("flagship", "--air", "paper-turbulence", "--risk", "2"), "risk is 2.0"),
-        (("flagship", "--air", "paper-turbulence", "--horizon", "600"), "'horizon' cannot be given with it"),
+        (("flagship", "--air", "paper-turbulence", "--horizon", "600"), "--horizon cannot be given with it"),
         (("--air", "paper-turbulence"), "give a law"),
     ],
 )
@@ -234,3 +237,44 @@ def test_an_air_that_cannot_be_predicted_is_refused(arguments: tuple[str, ...], 
     refused = run(*arguments)
     assert refused.exit_code == 2
     assert reason in refused.stderr
+
+
+def test_delay_and_limit_of_the_command_reach_the_proof(monkeypatch: pytest.MonkeyPatch):
+    given: dict[str, Any] = {}
+    certificate = Certificate(
+        statement="the gain is below 2",
+        gain=2.0,
+        lower_bound=1.0,
+        proven=True,
+        assumes={"delay_s": "constant"},
+        evidence={"kind": "constrained gain"},
+        residual=0.0,
+    )
+
+    def prove(*_: object, **options: Any) -> Certificate:
+        given.update(options)
+        return certificate
+
+    monkeypatch.setattr("gustproof.certify.gain.l2_gain.certify_gain", prove)
+    result = run("hinf-d2", *ENVELOPE, "--delay-ms", "8", "--saturation", "1.5")
+    assert (given["delay"], given["saturation"]) == (Delay(largest=0.008), 1.5)
+    assert "a simulation or a linear member reached 1" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("--delay-ms", "0"), "--delay-ms: the largest delay is 0.0 s, must be positive"),
+        (("--saturation", "1"), "saturation is 1.0, must be above 1"),
+        (("--saturation", "1.5", "--slow"), "not proved together"),
+        (("--saturation", "1.5", "--slow", "--level", "1"), "not proved together"),
+    ],
+)
+def test_a_command_path_that_is_none_is_refused(arguments, reason):
+    result = run("hinf-d2", *ENVELOPE, *arguments)
+    assert result.exit_code == 2
+    assert reason in result.output
+
+
+def test_a_flight_takes_no_delay_of_a_gain():
+    assert "--delay-ms cannot be given with it" in run("flagship", "--delay-ms", "8").output

@@ -97,7 +97,7 @@ def test_help_loads_nothing_heavy():
         (("tune", "iris", "--scenario", "calm"), "'calm' has no turbulence"),
         (("tune", "iris", "-o", "law.params"), "a law file ends in .json"),
         (("tune", "iris", "--for", "px4", "-o", "my.json"), "my.json: a parameter file ends in .params"),
-        (("tune", "iris", "--for", "px4", "--law", "pid"), "'law' cannot be given with it"),
+        (("tune", "iris", "--for", "px4", "--law", "pid"), "--law cannot be given with it"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "D99"), "no design named 'D99'"),
         (("design", "D1", "--gamma", "0.1"), "gamma"),
@@ -120,7 +120,7 @@ def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
     path.write_text('description = "x"\nduration_s = 1.0\ndurationn_s = 2.0\n')
     result = run("fly", str(path), "--law", "hinf-d1")
     assert result.exit_code == 2
-    assert f"{path}: durationn_s: unknown key" in one_line(result)
+    assert f"{path}: line 3, durationn_s: unknown key" in one_line(result)
 
 
 @pytest.mark.parametrize(

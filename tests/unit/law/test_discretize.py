@@ -5,10 +5,11 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.law.discretize import central_law, tustin
+from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.law.hover import linear_law
 from gustproof.law.step import step
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import Lti, discretize_zoh
 from gustproof.model.lpv import linear_plant
 from gustproof.synthesis.designs import design_problem, load_design

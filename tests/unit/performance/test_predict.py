@@ -84,8 +84,8 @@ def test_without_gyro_noise_both_levels_are_one() -> None:
     assert quiet.own_rate_rmse == quiet.rmse
 
 
-def test_the_readme_has_what_is_foretold_at_both_levels_of_noise() -> None:
-    text = " ".join((Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8").split())
+def test_the_guide_has_what_is_foretold_at_both_levels_of_noise() -> None:
+    text = " ".join((Path(__file__).parents[3] / "src/gustproof/guide/laws.md").read_text(encoding="utf-8").split())
     for name in ("flagship", "pid-fair", "flagship-robust"):
         rmse = foretell(load_law(name)).own_rate_rmse
         assert rmse is not None

@@ -1,5 +1,6 @@
 """Figures are drawn, of the flights and the objects that are given."""
 
+import csv
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
+from gustproof.report.figure_style import FigureStyle, figures_as
 from gustproof.synthesis.designs import design_problem, load_design
 
 
@@ -57,10 +59,42 @@ def test_singular_values_that_are_rounding_noise_are_not_drawn(drawn, tmp_path):
     low = 1.0 / (1.0 + frequency)
     values = {"w to z": np.stack([low, 1e-3 * low, 1e-19 * low], axis=1), "S": np.ones((50, 1))}
     figures.save_singular_values(frequency, values, 1.0, "x", tmp_path / "x.png")
-    (axes,) = drawn[0].axes
-    assert len(axes.lines) == 2 + 1 + 1  # and the level
-    assert axes.get_ylim()[0] == 1e-4
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["w to z", "S", "γ = 1"]
+    weighted, S = drawn[0].axes
+    assert len(weighted.lines) == 2 + 1  # and the level
+    assert weighted.get_ylim()[0] == -80.0
+    assert [text.get_text() for text in weighted.get_legend().get_texts()] == ["w to z", "γ = 1"]
+    assert [text.get_text() for text in S.get_legend().get_texts()] == ["S, peak 1.00", "0 dB"]
+
+
+def test_more_flights_than_an_eye_can_tell_apart_are_drawn_as_rms_of_each_second(drawn, tmp_path):
+    figures.save_histories("body-rates", {f"law {i}": flight(0.1 * i) for i in range(1, 11)}, "", tmp_path / "x.png")
+    line = next(line for line in drawn[0].axes[0].lines if line.get_label() == "law 3")
+    assert line.get_xdata().tolist() == [0.5]  # one second
+    expected = np.sqrt(np.mean(flight(0.3)["omega_B"][:, 0] ** 2))
+    assert line.get_ydata()[0] == pytest.approx(expected)
+    assert len(drawn[0].axes[0].lines) == 10
+
+
+def test_a_figure_for_a_paper_is_a_column_wide_with_its_numbers_beside(drawn, tmp_path):
+    with figures_as(FigureStyle.PAPER, data=True, suffix=".svg"):
+        figures.save_histories("euler-angles", {"hinf-d1": flight()}, "paper", tmp_path / "x.png")
+    assert drawn[0].get_figwidth() == 3.5
+    assert drawn[0].get_suptitle() == ""
+    assert drawn[0].axes[0].yaxis.label.get_fontfamily() == ["serif"]
+    with (tmp_path / "x.csv").open(newline="") as stream:
+        rows = [row for row in csv.DictReader(stream) if row["panel"] == "1"]
+    assert [float(row["x"]) for row in rows] == pytest.approx([i * 0.004 for i in range(250)])
+    assert {(row["curve"], row["y_label"]) for row in rows} == {("hinf-d1", "roll φ [deg]")}
+    assert float(rows[31]["y"]) == pytest.approx(np.degrees(0.1 * np.sin(31 / 20.0)))
+
+
+@pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".svg", b"<?xml"), (".png", b"\x89PNG")])
+def test_the_suffix_chooses_the_format_and_equal_flights_give_equal_bytes(suffix, begin, tmp_path):
+    for name in ("a", "b"):
+        figures.save_moments(flight(), tmp_path / f"{name}{suffix}")
+    a, b = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("a", "b"))
+    assert a.startswith(begin)
+    assert a == b
 
 
 @pytest.mark.parametrize("design", ["D1", "reference", "R1"])

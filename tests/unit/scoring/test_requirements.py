@@ -213,7 +213,7 @@ def test_every_metric_is_measured(metric):
         ({"metric": "peak_deg"}, "give at_most, at_least or both"),
         ({"metric": "peak", "at_most": 1.0}, "'peak_deg'"),
         ({"metric": "peak_deg", "at_most": 1.0, "at_least": 2.0}, "at_least must not be above at_most"),
-        ({"metric": "peak_deg", "at_most": float("nan")}, "at_most: input should be a finite number"),
+        ({"metric": "peak_deg", "at_most": float("nan")}, "at_most: must be a finite number"),
         ({"metric": "peak_deg", "at_most": 1.0, "from_s": 2.0, "to_s": 2.0}, "to_s must be later than from_s"),
         ({"metric": "peak_deg", "at_most": 1.0, "axis": "x"}, "'roll', 'pitch' or 'yaw'"),
         ({"metric": "peak_deg", "at_most": 1.0, "within_deg": 1.0}, "within_deg"),

@@ -77,7 +77,8 @@ def test_a_flight_that_was_whole_gives_the_bag_that_it_would_have_left(tmp_path,
     write_journal(tmp_path, records)
     (recovered,) = recover(tmp_path)
     assert recovered.outcome is FlightOutcome.DONE
-    write_bag(tmp_path / "undisturbed" / NAME, records, {**PLAN.metadata(), "outcome": "done"})
+    about, judged = {**PLAN.metadata(), "outcome": "done"}, [result.to_dict() for result in recovered.requirements]
+    write_bag(tmp_path / "undisturbed" / NAME, records, about, requirements=judged)
     ours, theirs = (folder / NAME / f"{NAME}.mcap" for folder in (tmp_path, tmp_path / "undisturbed"))
     assert ours.read_bytes() == theirs.read_bytes()
 

@@ -17,7 +17,7 @@ import numpy as np
 from gustproof.autopilots.filters import AxisLoop
 from gustproof.autopilots.settings import LoopSignals
 from gustproof.baselines.linear.structure import Structure, actuator_lag, filter_signal, newest_attitude, sent_commands
-from gustproof.law.discretize import tustin
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import Lti
 from gustproof.performance.covariance import AxisModel
 

@@ -13,7 +13,6 @@ S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd edition 2005
 with feedthrough.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +20,10 @@ import numpy as np
 from gustproof.autopilots.filters import AxisLoop
 from gustproof.autopilots.settings import LoopSignals
 from gustproof.baselines.linear.structure import Structure, actuator_lag, filter_signal, newest_attitude
-from gustproof.law.discretize import tustin
-from gustproof.lti.norms import bilinear_transform
-from gustproof.lti.riccati import stabilizing_solution
-from gustproof.lti.state_space import Lti, Matrix, delay, series
+from gustproof.lti.bilinear import tustin
+from gustproof.lti.state_space import Lti, delay, series
 from gustproof.performance.covariance import AxisModel
-
-_SUBOPTIMAL = 1.1
-"""[-] `gamma` over its least."""
+from gustproof.synthesis.coprime.ncfsyn import ncfsyn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,29 +40,6 @@ class LoopShapingGains:
     """[rad/s] corner at which the lead ends."""
 
 
-def robust_controller(G: Lti) -> tuple[Lti, float]:
-    """Return the controller of a continuous plant `G` for normalised coprime factors, `u = K y`, and its `gamma`.
-
-    The loop's `[K; I] (I - G K)^-1 [I, G]` has an H-infinity norm of `gamma` at most.
-
-    Raises
-    ------
-    DesignError
-        If a Riccati equation has no stabilising solution.
-    """
-    A, B, C, D = G.A, G.B, G.C, G.D
-    R, S = np.eye(G.n_outputs) + D @ D.T, np.eye(G.n_inputs) + D.T @ D
-    A0 = A - B @ np.linalg.solve(S, D.T @ C)
-    by_input, by_output = B @ np.linalg.solve(S, B.T), C.T @ np.linalg.solve(R, C)
-    X = stabilizing_solution(np.block([[A0, -by_input], [-by_output, -A0.T]]))
-    Z = stabilizing_solution(np.block([[A0.T, -by_output], [-by_input, -A0]]))
-    gamma = _SUBOPTIMAL * math.sqrt(1.0 + float(np.max(np.linalg.eigvals(X @ Z).real)))
-    F = -np.linalg.solve(S, D.T @ C + B.T @ X)
-    L = (1.0 - gamma**2) * np.eye(G.order) + X @ Z
-    entry: Matrix = np.asarray(gamma**2 * np.linalg.solve(L.T, Z @ C.T), dtype=np.float64)
-    return Lti(A=A + B @ F + entry @ (C + D @ F), B=entry, C=B.T @ X, D=-D.T), gamma
-
-
 def shaped_plant(gains: LoopShapingGains, model: AxisModel) -> Lti:
     """Return the discrete plant of one axis from command [N*m] to the weighted rate, without its attitude."""
     dt, whole = model.plant.dt, model.plant
@@ -82,7 +54,7 @@ def shaped_plant(gains: LoopShapingGains, model: AxisModel) -> Lti:
 def build_loop_shaping(gains: LoopShapingGains, model: AxisModel) -> LoopSignals:
     """Return the loop of one axis."""
     dt = model.plant.dt
-    controller, _ = robust_controller(bilinear_transform(shaped_plant(gains, model)))
+    robust = ncfsyn(shaped_plant(gains, model)).robust
     loop = AxisLoop(dt)
     commanded = gains.angle_p * (loop.reference - newest_attitude(loop))
     error, gain = commanded - loop.rate, gains.gain * model.inertia
@@ -90,7 +62,7 @@ def build_loop_shaping(gains: LoopShapingGains, model: AxisModel) -> LoopSignals
     weighted = gain * (error + gains.rate_i * (integral + 0.5 * dt * error))
     loop.set_next(integral, integral + dt * error, excess=dt / gain)
     led = filter_signal(loop, _lead(gains, model), weighted)
-    command = filter_signal(loop, tustin(controller, dt), -led)
+    command = filter_signal(loop, robust, -led)
     return LoopSignals(loop, command, commanded, None)
 
 

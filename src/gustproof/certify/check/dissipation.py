@@ -1,9 +1,9 @@
 """Matrix inequalities that prove an L2 gain, in rational numbers.
 
 Part of the check: rational arithmetic only; doubles choose coordinates, on which no proof rests. The system is
-`x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)`, closed by `p = Delta(t) q`. Delta holds real numbers
-`|delta_i(t)| <= 1`, each times an identity. The numbers of the system may be known up to a share only: then the forms
-are those of every such system.
+`x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)`, closed by `p = Delta q`. Delta holds real numbers
+`|delta_i(t)| <= 1`, each times an identity, and other parts, of which `quadratic_constraints` are known. The numbers of
+the system may be known up to a share only: then the forms are those of every such system.
 """
 
 import math
@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gustproof.certify.check.quadratic_constraints import Filter, constraint_form, kind_of, make_filter, needs_rate
+from gustproof.certify.check.system import Refusal
 from gustproof.lti.rational import (
     RationalMatrix,
     add,
@@ -128,7 +130,25 @@ def gain_inequality(level: Fraction, evidence: dict[str, Any], share: Fraction =
     """
     system = _System(evidence, share)
     storage = system.storage(lyapunov_matrix(evidence, evidence["P"]))
-    return _times(-1, _plus(storage, system.supply(level), *system.scaling_terms(evidence["blocks"])))
+    return _times(-1, _plus(storage, system.supply(level), *system.constraint_terms(evidence["blocks"])))
+
+
+def stability_inequality(evidence: dict[str, Any], share: Fraction = Fraction(0)) -> Ball:
+    """Return a matrix whose definiteness, with that of `stability`, proves the system and its filters stable alone.
+
+    `gain_inequality` then needs no definite P: it is the lemma of Kalman, Yakubovich and Popov for constraints on
+    integrals over all time (Megretski and Rantzer 1997).
+
+    Raises
+    ------
+    Refusal
+        If a part sees its own output at once: directly, through a later part, or through a parameter.
+    """
+    system = _System(evidence, share)
+    system.check_order()
+    form = _times(-1, system.storage(lyapunov_matrix(evidence, evidence["stability"])))
+    n = len(system.x[0]) - len(system.p) - len(system.w)
+    return Ball(*([row[:n] for row in half[:n]] for half in form))
 
 
 def rate_bounded_inequalities(
@@ -164,7 +184,7 @@ def rate_bounded_inequalities(
             errors = Ball(errors.middle + error.middle, errors.radius + error.radius)
         cross = _product(_turned(errors), free)
         storage = _plus(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(P_rate, system.x))))
-        yield _times(-1, _plus(storage, cross, _turned(cross), supply, *system.scaling_terms(scalings)))
+        yield _times(-1, _plus(storage, cross, _turned(cross), supply, *system.constraint_terms(scalings)))
 
 
 def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
@@ -185,30 +205,75 @@ def sign_product(subset: int, signs: tuple[int, ...]) -> int:
 
 
 class _System:
-    """System of the evidence: each signal as rows that act on (x, p, w).
+    """System of the evidence with the filters of its parts: each signal as rows that act on (x, p, w).
 
-    With a `share`, x is `S` times other coordinates: balanced, where what rounding does to the forms is smallest.
+    The states x are those of the system, then of the filter of each part. With a `share`, x is `S` times other
+    coordinates: balanced, where what rounding does to the forms is smallest.
     """
 
     def __init__(self, evidence: dict[str, Any], share: Fraction) -> None:
-        sizes = [block["size"] for block in evidence["blocks"]]
-        k = sum(sizes)
+        self._blocks = evidence["blocks"]
+        self.rows = _slices(0, [block["size"] for block in self._blocks])
+        k, slow = self.rows[-1].stop, "vertices" in evidence
+        filters = [Filter([], []) if slow else make_filter(block) for block in self._blocks]
         A, B, C, D = _read_system(evidence, k)
-        n, m = len(A), len(D[0])
+        self._D, self._C = D[:k], _widen(C, share)
+        plant, m = len(A), len(D[0])
+        states = _slices(plant, [len(part.A) for part in filters])
+        n = states[-1].stop
         S = _coordinates(evidence) if share else identity(n)
         self.x = [row + [Fraction(0)] * m for row in S]
         rest = [[Fraction(0)] * n + row for row in identity(m)]
-        self.p, self.w = rest[:k], rest[k:]
-        derivative = _join(_product(_widen(A, share), exact(S)), _widen(B, share))
-        output = _join(_product(_widen(C, share), exact(S)), _widen(D, share))
-        self._derivative = _shorten(derivative) if share else derivative
-        self._output, self._n_q = _shorten(output) if share else output, k
-        starts = [sum(sizes[:i]) for i in range(len(sizes))]
-        self.rows = [slice(start, start + size) for start, size in zip(starts, sizes, strict=True)]
+        self.p, self.w, self._n_q = rest[:k], rest[k:], k
+        self._states = [self.x[own] for own in states]
+        own = exact(S[:plant])
+        derivative = _join(_product(_widen(A, share), own), _widen(B, share))
+        output = _join(_product(self._C, own), self._widen_feedthrough(D, share))
+        self._output, self._derivative = (_shorten(rows) if share else rows for rows in (output, derivative))
+        self._add_filters(filters)
+
+    def _add_filters(self, filters: list[Filter]) -> None:
+        for part, rows, states in zip(filters, self.rows, self._states, strict=True):
+            if part.A:
+                inputs = _stack(self.q(rows), exact(self.p[rows]))
+                slopes = _plus(exact(multiply(part.A, states)), _product(exact(part.B), inputs))
+                self._derivative = _stack(self._derivative, slopes)
+
+    def _widen_feedthrough(self, D: RationalMatrix, share: Fraction) -> Ball:
+        """Return D within its rounding; in the rows of parts that are no parameters a zero is none of rounding's."""
+        wide = _widen(D, share)
+        for block, rows in zip(self._blocks, self.rows, strict=True):
+            if kind_of(block) != "real":
+                for row, off in zip(D[rows], wide.radius[rows], strict=True):
+                    off[:] = [r if value else Fraction(0) for value, r in zip(row, off, strict=True)]
+        return wide
+
+    def check_order(self) -> None:
+        """Raise `Refusal` unless each part that is no parameter sees at once the outputs of earlier such parts only.
+
+        The loop with any of them is then well posed if that of the parameters is, which `gain_inequality` proves.
+        """
+        real = [kind_of(block) == "real" for block in self._blocks]
+        for i, (block, rows) in enumerate(zip(self._blocks, self.rows, strict=True)):
+            if real[i]:
+                continue
+            later = (columns for j, columns in enumerate(self.rows) if real[j] or j >= i)
+            if any(any(row[columns]) for columns in later for row in self._D[rows]):
+                raise Refusal(
+                    f"block {block['name']} sees at once what a later part or a parameter makes of its output"
+                )
+            if needs_rate(block) and any(map(any, self._D[rows])):
+                raise Refusal(f"the input of block {block['name']} may jump, so that its rate is unknown")
 
     def q(self, rows: slice) -> Ball:
         """Return some of the inputs of Delta."""
         return Ball(self._output.middle[rows], self._output.radius[rows])
+
+    def _rate(self, rows: slice) -> Ball:
+        """Return the derivative of inputs of Delta that do not jump."""
+        plant = slice(len(self._C.middle[0]))
+        C = Ball(self._C.middle[rows], self._C.radius[rows])
+        return _product(C, Ball(self._derivative.middle[plant], self._derivative.radius[plant]))
 
     def storage(self, P: RationalMatrix) -> Ball:
         """Return the form of 2 x' P x'."""
@@ -220,17 +285,24 @@ class _System:
         z, w = self.q(slice(self._n_q, None)), multiply(transpose(self.w), self.w)
         return _plus(_product(_turned(z), z), exact(scale(-level * level, w)))
 
-    def scaling_terms(self, scalings: list[dict[str, Any]]) -> Iterator[Ball]:
-        """Yield the forms of the D-G scalings of the blocks."""
-        for rows, item in zip(self.rows, scalings, strict=True):
-            q, p, D, G = self.q(rows), self.p[rows], to_rational(item["D"]), to_rational(item["G"])
-            cross = _product(_turned(q), exact(multiply(G, p)))
-            yield _plus(
-                _product(_turned(q), _product(exact(D), q)),
-                exact(scale(-1, multiply(transpose(p), multiply(D, p)))),
-                cross,
-                _turned(cross),
-            )
+    def constraint_terms(self, multipliers: list[dict[str, Any]]) -> Iterator[Ball]:
+        """Yield the form of each part's constraint."""
+        for block, rows, states, item in zip(self._blocks, self.rows, self._states, multipliers, strict=True):
+            signals = [exact(states), self.q(rows), exact(self.p[rows])]
+            if needs_rate(block):
+                signals.append(self._rate(rows))
+            z = _stack(*signals)
+            yield _product(_turned(z), _product(exact(constraint_form(block, item)), z))
+
+
+def _slices(start: int, sizes: list[int]) -> list[slice]:
+    """Return consecutive slices of these sizes."""
+    return [slice(start + sum(sizes[:i]), start + sum(sizes[: i + 1])) for i in range(len(sizes))]
+
+
+def _stack(*parts: Ball) -> Ball:
+    """Return matrices below each other."""
+    return Ball(*([row for half in halves for row in half] for halves in zip(*parts, strict=True)))
 
 
 def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:

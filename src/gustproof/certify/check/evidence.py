@@ -21,11 +21,13 @@ from gustproof.certify.check.dissipation import (
     lyapunov_matrix,
     rate_bounded_blocks,
     rate_bounded_inequalities,
+    stability_inequality,
     vertices,
 )
 from gustproof.certify.check.flight_box import KIND, prove_flight_box
+from gustproof.certify.check.quadratic_constraints import check_multipliers, kind_of
 from gustproof.certify.check.system import Refusal, finite
-from gustproof.lti.rational import is_positive_definite, scale, to_rational, transpose
+from gustproof.lti.rational import is_positive_definite, to_rational
 
 FORMAT = "gustproof-certificate-1"
 ROUNDING = Fraction(1, 1 << 40)
@@ -44,6 +46,8 @@ class DerivedLoop(NamedTuple):
     """Names and sizes of Delta's blocks."""
     speeds: list[float | None]
     """[1/s] speed of each normalised parameter, already above rounding; `None` for any speed."""
+    parts: list[dict[str, Any]]
+    """Entries that make a block other than a real parameter: kind, and largest delay [s] or oddness."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,6 +132,8 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     if set(evidence) != keys:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ keys))}")
     _check_blocks(evidence["blocks"])
+    if evidence["kind"] == "slow gain" and any(set(block) != _SLOW for block in evidence["blocks"]):
+        raise Refusal(f"a block of slow parameters has other entries than {', '.join(sorted(_SLOW))}")
     level = finite("level", evidence["level"])
     if level <= 0:
         raise Refusal("the level is not positive")
@@ -138,17 +144,16 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
         plant = "the continuous linear system derived from the design, and all within its rounding, closed by Delta"
         share = ROUNDING
     prove(level, evidence, share)
-    return CheckResult(
-        accepted=True,
-        reason=_state_gain(level, evidence),
-        figures={"gain": float(level)},
-        assumes={
-            "plant": plant,
-            "system_sha256": seal(evidence["system"]),
-            "blocks": [f"{block['name']} x {block['size']}" for block in evidence["blocks"]],
-            "speeds_per_s": [block.get("speed") for block in evidence["blocks"]],
-        },
-    )
+    assumes = {
+        "plant": plant,
+        "system_sha256": seal(evidence["system"]),
+        "blocks": [f"{block['name']} x {block['size']}" for block in evidence["blocks"]],
+        "speeds_per_s": [block.get("speed") for block in evidence["blocks"]],
+    }
+    if parts := _describe_parts(evidence["blocks"]):
+        assumes["parts"] = parts
+    reason = _state_gain(level, evidence)
+    return CheckResult(accepted=True, reason=reason, figures={"gain": float(level)}, assumes=assumes)
 
 
 def is_name(name: Any) -> bool:
@@ -176,16 +181,44 @@ def _check_blocks_of(loop: DerivedLoop, blocks: list[dict[str, Any]]) -> None:
         bound = block.get("speed")
         if bound is not None and (speed is None or finite("speed", bound) < finite("speed", speed)):
             raise Refusal(f"{block['name']} of the derived loop is faster than the evidence allows")
+    for block, part in zip(blocks, loop.parts, strict=True):
+        if not _covers(block, part):
+            raise Refusal(f"{block['name']} of the derived loop is more than the evidence allows")
+
+
+def _covers(block: dict[str, Any], part: dict[str, Any]) -> bool:
+    """Return whether the constraint of a block holds of a part: of its own kind, no larger and as odd."""
+    if kind_of(block) != kind_of(part) or (block.get("odd") and not part["odd"]):
+        return False
+    return "largest" not in part or finite("the delay", block["largest"]) >= finite("the delay", part["largest"])
 
 
 def _state_gain(level: Fraction, evidence: dict[str, Any]) -> str:
-    names = ", ".join(block["name"] for block in evidence["blocks"])
-    slow = [block for block in evidence["blocks"] if block.get("speed") is not None]
+    real = [block for block in evidence["blocks"] if kind_of(block) == "real"]
+    slow = [block for block in real if block.get("speed") is not None]
     speeds = ", ".join(f"{block['name']} below {block['speed']:g} 1/s" for block in slow)
+    every = [f"every normalised Delta(t) of {', '.join(block['name'] for block in real)}"] if real else []
+    every += _describe_parts(evidence["blocks"])
     return (
-        f"the L2 gain from w to z is below {float(level):.6g} for every normalised Delta(t) of {names}"
+        f"the L2 gain from w to z is below {float(level):.6g} for {', and '.join(every)}"
         f"{f', with speeds of {speeds}' if slow else ''}: the matrix inequality holds exactly"
     )
+
+
+def _describe_parts(blocks: list[dict[str, Any]]) -> list[str]:
+    """Return a clause for each part that is no real parameter."""
+    return [_describe_part(block) for block in blocks if kind_of(block) != "real"]
+
+
+def _describe_part(block: dict[str, Any]) -> str:
+    name, kind = block["name"], kind_of(block)
+    if kind == "delay":
+        return f"{name}: every constant delay of all its channels in [0, {block['largest']!r}] s"
+    if kind == "varying delay":
+        return f"{name}: every delay of all its channels that varies at will in [0, {block['largest']!r}] s"
+    if kind == "sector":
+        return f"{name}: functions phi(q, t) of each channel between 0 and q"
+    return f"{name}: {'odd ' if block['odd'] else ''}functions phi(q) of each channel with slopes in [0, 1]"
 
 
 def seal(document: dict[str, Any]) -> str:
@@ -196,6 +229,8 @@ def seal(document: dict[str, Any]) -> str:
 
 def _prove_gain(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
     """Prove an L2 gain; see `gain_inequality`."""
+    if any(kind_of(block) != "real" for block in evidence["blocks"]):
+        raise Refusal("a gain of this kind is of real parameters alone")
     if not is_positive_definite(lyapunov_matrix(evidence, evidence["P"])):
         raise Refusal("P is not positive definite")
     _check_multipliers(evidence, evidence["blocks"])
@@ -220,21 +255,32 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any], share: Fracti
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
 
 
+def _prove_constrained(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
+    """Prove an L2 gain with parts of which only integral quadratic constraints are known; see `quadratic_constraints`.
+
+    The system and the filters are stable alone, parts are well posed in their order, and the inequality holds. Theorem
+    1 of Megretski and Rantzer (1997) then joins them to a stable loop. The integral of the form bounds the gain.
+    """
+    if not is_positive_definite(lyapunov_matrix(evidence, evidence["stability"])):
+        raise Refusal("the matrix of stability is not positive definite")
+    if not stability_inequality(evidence, share).is_positive_definite():
+        raise Refusal("the loop without its parts is not proved stable")
+    _check_multipliers(evidence, evidence["blocks"])
+    if not gain_inequality(level, evidence, share).is_positive_definite():
+        raise Refusal("the matrix inequality does not hold")
+
+
 def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
     """Raise `Refusal` for scalings that are no multipliers of the evidence's blocks."""
     for block, item in zip(evidence["blocks"], scalings, strict=True):
-        D_i, G_i = to_rational(item["D"]), to_rational(item["G"])
-        if not len(D_i) == len(G_i) == block["size"]:
-            raise Refusal(f"the scalings of block {block['name']} do not have its size")
-        if not is_positive_definite(D_i):
-            raise Refusal(f"D of block {block['name']} is not positive definite")
-        if transpose(G_i) != scale(-1, G_i):
-            raise Refusal(f"G of block {block['name']} is not skew")
+        check_multipliers(block, item)
 
 
+_SLOW = {"name", "size", "speed"}
 _COMMON = frozenset({"kind", "level", "system", "coordinates", "P", "blocks"})
 _PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any], Fraction], None]]] = {
     "gain": (_COMMON, _prove_gain),
     "slow gain": (_COMMON | {"Y", "vertices"}, _prove_rate_bounded),
+    "constrained gain": (_COMMON | {"stability"}, _prove_constrained),
 }
 """Entries of the evidence of each kind, and its proof."""

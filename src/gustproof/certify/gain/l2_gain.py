@@ -11,15 +11,32 @@ from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_inequalities
 from gustproof.certify.check.evidence import DerivedLoop, check_evidence, is_name
 from gustproof.certify.check.system import Refusal
+from gustproof.certify.gain.constrained_multipliers import ConstrainedMultipliers, constrained_multipliers
+from gustproof.certify.gain.linear_members import worst_member
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
+from gustproof.certify.gain.parts import Delay, Part, Sector, Slope
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
-from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lti
+from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lti, gain, lft
 from gustproof.model.interconnection import Interconnection
-from gustproof.model.lft import Uncertain, close_loop, connect, star, system_from_matrix
+from gustproof.model.lft import (
+    Uncertain,
+    append,
+    as_uncertain,
+    close_loop,
+    connect,
+    star,
+    system_from_matrix,
+    ultidyn,
+)
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
+from gustproof.model.uncertainty import RealBlock
 
+_DECAY = 1e-9
+"""[rad/s] least decay of a loop that counts as stable, above rounding."""
+_SATURATION_POLES = (3.0,)
+"""[rad/s] poles of the multipliers of a limit."""
 _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 """[-] relative margins above the solver's level, tried in turn: rounding of the multipliers needs some."""
 
@@ -33,6 +50,8 @@ def certify_gain(
     scheduled: bool = False,
     rate_bounded: bool = False,
     level: float | None = None,
+    delay: Delay | None = None,
+    saturation: float | None = None,
 ) -> Certificate:
     """Return a certificate of the L2 gain from w to z of a design problem closed by a continuous controller.
 
@@ -57,12 +76,17 @@ def certify_gain(
         True to use bounds on the speed of phi and theta; about ten times as slow.
     level
         [-] gain to certify; by default the least that can be proved.
+    delay
+        Delay of the command; `None` without one.
+    saturation
+        [-] largest command over the limit of the torque, above 1, or infinite; `None` without a limit.
 
     Raises
     ------
     ValueError
         If the envelope is invalid, the design commands rates, has a reference or an accelerometer, the controller is
-        discrete, or the loop is unstable at hover.
+        discrete, or the loop is unstable at hover. With infinite `saturation` also if plant or controller is not
+        stable alone: the loop then has no gain, and `certify_boundedness` states what holds within a bounded moment.
 
     Examples
     --------
@@ -74,7 +98,9 @@ def certify_gain(
     >>> f"proven {certificate.proven}, gain {certificate.gain:.2f}"
     'proven True, gain 0.41'
     """
-    loop = attitude_loop(problem, controller, Envelope(angle=angle, rate=rate), scheduled=scheduled)
+    parts = command_parts(delay, saturation)
+    envelope = Envelope(angle=angle, rate=rate)
+    loop = attitude_loop(problem, controller, envelope, scheduled=scheduled, delay=delay, saturation=saturation)
     leak, damping, _ = _airframe(problem)
     turning = attitude_speeds(angle, rate, leak=leak) if rate_bounded else None
     rho = (
@@ -88,10 +114,10 @@ def certify_gain(
     return certify_lft(
         loop,
         assumes={
-            "plant": "continuous, rotation exact, actuators without limits",
+            "plant": "continuous, rotation exact, " + _describe_command(saturation),
             "leak_per_s": leak,
             "rate_damping_per_s": damping,
-            "delay_samples": 0,
+            **_describe_delay(delay),
             "angle_rad": angle,
             "rate_rad_s": rate,
             "rho": f"{rho}; exact in the controller" if scheduled else rho,
@@ -100,9 +126,42 @@ def certify_gain(
         },
         level=level,
         speeds=envelope_speeds(angle, rate, leak=leak) if rate_bounded else None,
+        parts=parts,
         signals="from disturbance and noise to error and command, all weighted,",
         scope=f"for all |phi|, |theta| <= {angle:g} rad and |p|, |q|, |r| <= {rate:g} rad/s",
     )
+
+
+def command_parts(delay: Delay | None, saturation: float | None) -> dict[str, Part]:
+    """Return the parts of the command's path by name, in the order in which the command meets them.
+
+    What a limit takes off a command within `saturation` times the limit is a share of it, at most 1 - 1 / `saturation`.
+    Of any command it has slopes in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If `saturation` is not above 1.
+    """
+    parts: dict[str, Part] = {} if delay is None else {"delay": delay}
+    if saturation is None:
+        return parts
+    if not saturation > 1.0:
+        raise ValueError(f"saturation is {saturation}, must be above 1: smaller commands meet no limit")
+    return parts | {"saturation": Slope(poles=_SATURATION_POLES) if math.isinf(saturation) else Sector()}
+
+
+def _describe_command(saturation: float | None) -> str:
+    if saturation is None:
+        return "actuators without limits"
+    size = "of any size" if math.isinf(saturation) else f"of at most {saturation:g} times the limit"
+    return f"torque limited, commands {size}"
+
+
+def _describe_delay(delay: Delay | None) -> dict[str, Any]:
+    if delay is None:
+        return {"delay_samples": 0}
+    return {"delay_s": f"{'varies at will' if delay.varying else 'constant'}, in [0, {delay.largest:g}]"}
 
 
 def attitude_speeds(angle: float, rate: float, *, leak: float) -> tuple[float, float]:
@@ -122,25 +181,42 @@ def certify_lft(
     assumes: dict[str, Any],
     level: float | None = None,
     speeds: Mapping[str, float] | None = None,
+    parts: Mapping[str, Part] | None = None,
     signals: str = "from w to z",
     scope: str = "for every Delta(t) of the envelope",
 ) -> Certificate:
-    """Return a certificate of the L2 gain of any continuous loop with real parameters.
+    """Return a certificate of the L2 gain of any continuous loop with real parameters, delays, sectors and slopes.
 
     Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives; the others may change at any
-    speed. The lower bound is the gain that a schedule of the parameters reaches in simulation. `signals` and `scope`
-    are the statement's words for the loop's signals and its parameters.
+    speed. Full blocks, as from `ultidyn`, are what `parts` says. The lower bound is the gain that a schedule of the
+    parameters reaches in simulation, or a linear member of the parts at some frequency. `signals` and `scope` are the
+    statement's words for the loop's signals and its parameters.
 
     Raises
     ------
     ValueError
-        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at hover, lacks a
-        block named in `speeds`, or has a block that is no real parameter.
+        If the level is not positive, or a block's name no word. If the loop is discrete or unstable at Delta = 0. If
+        `speeds` or `parts` name no block, or a block is neither a real parameter nor a part. If the loop is not
+        stable with a sector or slope of 1: a saturated loop with a pole on the axis has no gain.
+
+    References
+    ----------
+    See `gustproof.certify.check.quadratic_constraints`.
+
+    Examples
+    --------
+    >>> from gustproof import Delay, Lti, Uncertain, certify_lft, ultidyn
+    >>> M = Lti(A=[[-3.0]], B=[[-2.0, 1.0]], C=[[1.0], [1.0]], D=[[0.0, 0.0], [0.0, 0.0]])
+    >>> loop = Uncertain(M=M, blocks=ultidyn("late").blocks)  # x' = -x - 2 x(t - theta) + w, z = x
+    >>> certificate = certify_lft(loop, assumes={"plant": "a lag"}, parts={"late": Delay(largest=0.5)})
+    >>> f"{certificate.lower_bound:.2f} to {certificate.gain:.2f}, proven {certificate.proven}"
+    '0.66 to 0.68, proven True'
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
     bounds = _speed_bounds(loop, speeds)
-    multipliers = best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, bounds)
+    _check_parts(loop, speeds, parts or {})
+    multipliers = _find_multipliers(loop, speeds, parts)
     wanted, proven = level, False
     evidence: dict[str, Any] = {}
     if multipliers is not None:
@@ -151,7 +227,7 @@ def certify_lft(
     return Certificate(
         statement=f"the L2 gain {signals} {claim} {scope}",
         gain=wanted,
-        lower_bound=lower_bound(loop, speeds),
+        lower_bound=lower_bound(loop, speeds, parts),
         proven=proven,
         assumes=assumes,
         evidence=evidence,
@@ -159,20 +235,73 @@ def certify_lft(
     )
 
 
-def derived_loop(loop: Uncertain, speeds: Mapping[str, float] | None) -> DerivedLoop:
+def _find_multipliers(
+    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None
+) -> Multipliers | RateBoundedMultipliers | ConstrainedMultipliers | None:
+    if parts:
+        return constrained_multipliers(loop, parts)
+    return best_multipliers(loop) if speeds is None else rate_bounded_multipliers(loop, _speed_bounds(loop, speeds))
+
+
+def derived_loop(
+    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None = None
+) -> DerivedLoop:
     """Return a loop in the form that the check takes, with parameters as fast as `speeds` [1/s]."""
+    named = parts or {}
     return DerivedLoop(
         system=_matrices(loop),
         blocks=[(block.name, block.shape[0]) for block in loop.blocks],
         speeds=_speed_bounds(loop, speeds),
+        parts=[named[block.name].entries() if block.name in named else {} for block in loop.blocks],
     )
 
 
-def lower_bound(loop: Uncertain, speeds: Mapping[str, float] | None) -> float:
-    """Return a gain that a schedule of the parameters reaches in simulation, with parameters as fast as `speeds`."""
+def lower_bound(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None = None) -> float:
+    """Return a gain that is reached: by a schedule of the parameters in simulation, or by a linear member of the parts.
+
+    Parameters are as fast as `speeds`.
+    """
+    if parts:
+        member = _largest_member(loop, parts)
+        scheduled = worst_schedule(member).gain if member.blocks and member.M.is_stable() else 0.0
+        return max(worst_member(loop, parts), scheduled)
     if speeds is None:
         return worst_schedule(loop).gain
     return worst_triangle_schedule(loop, _speed_bounds(loop, speeds)).gain
+
+
+def _largest_member(loop: Uncertain, parts: Mapping[str, Part]) -> Uncertain:
+    """Return the loop without delay, and with p = q in its sectors and slopes."""
+    owner = [block.name for block in loop.blocks for _ in range(block.shape[0])]
+    own = [k for k, name in enumerate(owner) if name in parts]
+    other = [k for k, name in enumerate(owner) if name not in parts]
+    outputs, inputs = ([*other, *range(len(owner), count), *own] for count in (loop.M.n_outputs, loop.M.n_inputs))
+    slopes = np.diag([0.0 if isinstance(parts[owner[k]], Delay) else 1.0 for k in own])
+    blocks = tuple(block for block in loop.blocks if block.name not in parts)
+    return Uncertain(M=lft(loop.M.subsystem(outputs, inputs), gain(slopes)), blocks=blocks)
+
+
+def _check_parts(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part]) -> None:
+    """Raise `ValueError` unless the loop's full blocks are the `parts`, and it has a gain with each of them at 1."""
+    if parts and speeds is not None:
+        raise ValueError("bounds on speeds and parts other than real parameters are not proved together")
+    full = {block.name: block for block in loop.blocks if not isinstance(block, RealBlock)}
+    if unknown := sorted(set(parts) - set(full)):
+        raise ValueError(f"parts name '{unknown[0]}', there are full blocks {', '.join(full) or 'none'}")
+    if other := sorted(set(full) - set(parts)):
+        raise ValueError(f"block '{other[0]}' is no real parameter")
+    for name, part in parts.items():
+        shape = full[name].shape
+        if shape[0] != shape[1]:
+            raise ValueError(f"block '{name}' is {shape[0]} x {shape[1]}, a part must be square")
+        if isinstance(part, Delay):
+            continue
+        worst = complex(max(loop.substitute({name: np.eye(shape[0])}).poles(), key=lambda pole: pole.real))
+        if worst.real > -_DECAY:
+            raise ValueError(
+                f"with slope 1 of '{name}' the loop has a pole at {worst:.3g} rad/s: no global L2 gain exists; "
+                "a saturated loop needs a plant and a controller that are stable alone"
+            )
 
 
 def _matrices(loop: Uncertain) -> dict[str, list[list[float]]]:
@@ -207,26 +336,52 @@ def _first_proven(candidates: Sequence[float], evidence: dict[str, Any]) -> tupl
 
 
 def attitude_loop(
-    problem: Interconnection, controller: LinearSystem, envelope: Envelope, *, scheduled: bool
+    problem: Interconnection,
+    controller: LinearSystem,
+    envelope: Envelope,
+    *,
+    scheduled: bool,
+    delay: Delay | None = None,
+    saturation: float | None = None,
 ) -> Uncertain:
-    """Return the loop of a design problem and a controller, from w to z, with exact rotation over the envelope."""
-    leak, damping, inertia_B = _airframe(problem)
-    dynamics = rotation(inertia_B, envelope)
-    P = connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+    """Return the loop of a design problem and a controller, from w to z, with exact rotation over the envelope.
+
+    The command passes the `command_parts`: what a delay changes is added to it, what a limit cuts off is taken away.
+    """
+    P = attitude_plant(problem, envelope)
+    if delay is not None or saturation is not None:
+        P = P @ append(np.eye(P.n_inputs - problem.n_con), _command_path(problem.n_con, delay, saturation))
     K = as_continuous("the controller", controller)
     if not scheduled:
         return close_loop(P, K)
-    n = K.order
+    n, dynamics = K.order, rotation(_airframe(problem)[2], envelope)
     excess = (dynamics + -dynamics.nominal_system().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
+
+
+def attitude_plant(problem: Interconnection, envelope: Envelope) -> Uncertain:
+    """Return the plant of a design problem, from (w, u) to (z, y), with exact rotation over the envelope."""
+    leak, damping, inertia_B = _airframe(problem)
+    dynamics = rotation(inertia_B, envelope)
+    return connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+
+
+def _command_path(n: int, delay: Delay | None, saturation: float | None) -> Uncertain:
+    """Return the path of `n` commands, with a full block for each of the `command_parts`."""
+    path = as_uncertain(np.eye(n))
+    if delay is not None:
+        path = np.eye(n) + ultidyn("delay", n, n)
+    if saturation is not None:
+        path = (np.eye(n) - (1.0 - 1.0 / saturation) * np.eye(n) @ ultidyn("saturation", n, n)) @ path
+    return path
 
 
 def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]]:
     """Return leak [1/s], damping [1/s] and inertia [kg*m^2] by axis, of the diagram's airframe of states (E, omega)."""
     bodies = [as_lti(block.system) for block in problem.blocks if block.name == "airframe"]
     if not bodies:
-        raise ValueError("certify supports torque designs only: the diagram has no block 'airframe'")
+        raise ValueError("certify supports torque designs only; this one has no airframe, as those that command rates")
     if "reference" in problem.y:
         raise ValueError("certify supports designs that hold level only: this one has a reference, W_r")
     A: Matrix = bodies[0].A
@@ -237,9 +392,14 @@ def _airframe(problem: Interconnection) -> tuple[float, list[float], list[float]
 
 
 def _evidence(
-    loop: Uncertain, multipliers: Multipliers | RateBoundedMultipliers, speeds: Sequence[float | None]
+    loop: Uncertain,
+    multipliers: Multipliers | RateBoundedMultipliers | ConstrainedMultipliers,
+    speeds: Sequence[float | None],
 ) -> dict[str, Any]:
     common = {"system": _matrices(loop), "coordinates": multipliers.coordinates.tolist()}
+    if isinstance(multipliers, ConstrainedMultipliers):
+        storage = {"P": multipliers.P.tolist(), "stability": multipliers.stability.tolist()}
+        return {"kind": "constrained gain", **common, **storage, "blocks": list(multipliers.blocks)}
     blocks: list[dict[str, Any]] = [{"name": block.name, "size": block.shape[0]} for block in loop.blocks]
     if isinstance(multipliers, Multipliers):
         pairs = zip(multipliers.D, multipliers.G, strict=True)
@@ -270,9 +430,9 @@ def _residual(level: float, evidence: dict[str, Any]) -> float:
     """Return the least eigenvalue of the inequalities, in the coordinates of their Lyapunov matrix."""
     exact_level = Fraction(level)
     forms = (
-        [gain_inequality(exact_level, evidence)]
-        if evidence["kind"] == "gain"
-        else rate_bounded_inequalities(exact_level, evidence)
+        rate_bounded_inequalities(exact_level, evidence)
+        if evidence["kind"] == "slow gain"
+        else [gain_inequality(exact_level, evidence)]
     )
     inverse = np.linalg.inv(evidence["coordinates"])
     least = []

@@ -127,26 +127,44 @@ class _Inequality:
 
 
 def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
-    """Return the unknowns of the least level or, for a given `square` of the level, of the largest margin.
+    """Return the unknowns of the least level or, for a given `square` of the level, of the largest margin."""
+    cones, column = [], inequality.n * (inequality.n + 1) // 2
+    for repeats in inequality.repeats:  # each D is positive definite
+        cones.append((column, basis(repeats, skew=False)))
+        column += repeats**2  # symmetric and skew together
+    return solve_level(inequality.terms, inequality.constant, cones, square)
 
-    The last unknown is the squared level or the margin of every inequality.
+
+def solve_level(
+    terms: Sequence[Matrix], constant: Matrix, cones: Sequence[tuple[int, Sequence[Matrix]]], square: float | None
+) -> Matrix:
+    """Return unknowns for which the form `constant` plus their `terms` is negative definite.
+
+    The last term is that of the squared level. Without a `square`, the level is the least; with one, it is given, and
+    the margin of all inequalities is the largest. The last unknown is the squared level or that margin.
+
+    Parameters
+    ----------
+    terms, constant
+        (n, n) symmetric.
+    cones
+        First of some unknowns, and their symmetric matrices, whose combination is to be positive definite.
+    square
+        [-] squared level, or `None`.
     """
-    terms, constant = inequality.terms, inequality.constant
+    columns = len(terms)
     if square is not None:
         terms, constant = terms[:-1], constant + square * terms[-1]
-    columns = len(inequality.terms)
-    whole = np.zeros((inequality.size * (inequality.size + 1) // 2, columns))
+    whole = np.zeros((len(svec(constant)), columns))
     whole[:, : len(terms)] = np.column_stack([svec(term) for term in terms])
     parts, bounds = [whole], [-constant]
-    column = inequality.n * (inequality.n + 1) // 2
-    for repeats in inequality.repeats:  # each D is positive definite
-        part = np.zeros((repeats * (repeats + 1) // 2, columns))
-        part[:, column : column + part.shape[0]] = -np.column_stack([svec(S) for S in basis(repeats, skew=False)])
+    for column, cone in cones:
+        part = np.zeros((len(svec(cone[0])), columns))
+        part[:, column : column + len(cone)] = -np.column_stack([svec(S) for S in cone])
         parts.append(part)
-        bounds.append(np.zeros((repeats, repeats)))
-        column += repeats**2  # symmetric and skew together
+        bounds.append(np.zeros_like(cone[0]))
     for k, bound in enumerate(bounds):
-        margin = np.eye(bound.shape[0])
+        margin = np.eye(len(bound))
         if square is None:
             bounds[k] = bound - _STRICTNESS * margin
         else:
@@ -156,13 +174,15 @@ def _solve_sdp(inequality: _Inequality, square: float | None) -> Matrix:
     return minimize(cost, np.vstack(parts), bounds)
 
 
-def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix]) -> Matrix:
+def minimize(cost: Matrix, rows: Matrix, bounds: Sequence[Matrix], **options: float) -> Matrix:
     """Return the solver's x of least `cost` x with each block of `rows` x below its symmetric bound.
 
-    `rows` stacks the blocks of all bounds, each in the form of `svec`.
+    `rows` stacks the blocks of all bounds, each in the form of `svec`; `options` are the solver's own.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    for name, value in options.items():
+        setattr(settings, name, value)
     quadratic = scipy.sparse.csc_matrix((cost.size, cost.size))
     limits = np.concatenate([svec(bound) for bound in bounds])
     cones = [clarabel.PSDTriangleConeT(bound.shape[0]) for bound in bounds]

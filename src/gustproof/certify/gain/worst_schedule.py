@@ -116,7 +116,10 @@ def _power_iterate(systems: Systems, order: Order, w: Matrix, *, rounds: int) ->
 
 
 def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
-    """Return A, B, C and D, each (k, ...), of the loop over a step with held input at each of `deltas` (k, blocks)."""
+    """Return A, B, C and D, each (k, ...), of the loop over a step with held input at each of `deltas` (k, blocks).
+
+    Outputs are rotated and weighted: the square of C x + D w is the mean of that of the loop's output in the step.
+    """
     M, w, z = loop.M, loop.n_w, loop.n_z
     n, m = M.order, loop.n_inputs
     # states and their derivatives as inputs and outputs: an uncertain matrix has its values at all deltas at once
@@ -127,8 +130,28 @@ def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
     values = Uncertain(M=gain(static), blocks=loop.blocks).matrices(dict(zip(names, deltas.T, strict=True)))
     generators = np.zeros((len(values), n + m, n + m))
     generators[:, :n] = _STEP * values[:, :n]
-    held = scipy.linalg.expm(generators)
-    return held[:, :n, :n], held[:, :n, n:], values[:, n:, :n], values[:, n:, n:]
+    held, mean = _integrate(generators, values[:, n:])
+    return held[:, :n, :n], held[:, :n, n:], mean[:, :, :n], mean[:, :, n:]
+
+
+def _integrate(generators: Matrix, outputs: Matrix) -> tuple[Matrix, Matrix]:
+    """Return exp(G) of each G (k, n, n), and R with R^T R = int_0^1 exp(G t)^T H^T H exp(G t) dt for its H (k, p, n).
+
+    The integral over a part of the step, by Gauss's rule, is doubled until it covers the step: terms of one sign.
+    """
+    halvings = max(math.ceil(math.log2(max(float(np.abs(generators).sum(axis=2).max()), 1.0))), 0)
+    part = 0.5**halvings
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    integral = np.zeros_like(generators)
+    for node, weight in zip(nodes, weights, strict=True):
+        seen = outputs @ scipy.linalg.expm(0.5 * part * (1.0 + node) * generators)
+        integral += 0.5 * part * weight * seen.transpose(0, 2, 1) @ seen
+    step = scipy.linalg.expm(part * generators)
+    for _ in range(halvings):
+        integral += step.transpose(0, 2, 1) @ integral @ step
+        step = step @ step
+    squares, vectors = np.linalg.eigh(integral)
+    return step, np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.transpose(0, 2, 1)
 
 
 def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gustproof.certify.mu.scalings import best_scalings
-from gustproof.lti.norms import bilinear_transform, hinf_norm
+from gustproof.lti.bilinear import bilinear_transform
+from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock

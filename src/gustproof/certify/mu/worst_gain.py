@@ -15,7 +15,7 @@ ParameterBox = Mapping[str, tuple[float, float]]
 """Lower and upper limit of the normalised value of each real parameter."""
 
 
-def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
+def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     """Return the largest H-infinity norm over the unit ball of Delta, and the worst Delta (MATLAB: `wcgain`).
 
     Parameters are constant in time. The search halves the box with the largest upper bound where that helps most. It
@@ -43,8 +43,8 @@ def worst_gain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> 
     Examples
     --------
     >>> from control import ss
-    >>> from gustproof import ureal, worst_gain
-    >>> found = worst_gain(ureal("gain", low=0.8, high=1.2) @ ss(-1.0, 1.0, 1.0, 0.0))
+    >>> from gustproof import ureal, wcgain
+    >>> found = wcgain(ureal("gain", low=0.8, high=1.2) @ ss(-1.0, 1.0, 1.0, 0.0))
     >>> f"{found.lower:.2f} at {found.delta}"
     "1.20 at {'gain': 1.0}"
     """

@@ -4,7 +4,7 @@ export const colours = {};
 
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["ink", "muted", "line", "grid", "accent", "c0", "c1", "c2", "wind", "sky", "ground", "mark", "card"])
+  for (const name of ["ink", "muted", "line", "grid", "accent", "c0", "c1", "c2", "wind", "sky", "ground", "mark", "card", "limit"])
     colours[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
@@ -29,6 +29,16 @@ export function euler([w, x, y, z]) {
     Math.asin(Math.min(1, Math.max(-1, 2 * (w * y - z * x)))),
     Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
   ];
+}
+
+// Return the attitude with its angle from level enlarged, to show small motions.
+export function magnified([w, x, y, z], factor) {
+  const sine = Math.hypot(x, y, z);
+  if (factor === 1 || sine < 1e-12) return [w, x, y, z];
+  let half = Math.atan2(sine, w);
+  if (half > Math.PI / 2) half -= Math.PI;
+  const scale = Math.sin(factor * half) / sine;
+  return [Math.cos(factor * half), scale * x, scale * y, scale * z];
 }
 
 function rotate([w, x, y, z], [a, b, c]) {

@@ -1,10 +1,12 @@
 // The live page: read updates, keep a clock between them, draw at the rate of the screen.
-import { camera, colours, drawHorizon, drawVehicle, euler, fresh, readColours } from "./picture.js";
+import { camera, colours, drawHorizon, drawVehicle, euler, fresh, magnified, readColours } from "./picture.js";
 
 const WINDOW_S = 20, DEGREES = 180 / Math.PI;
 const byId = (id) => document.getElementById(id);
 const rows = { attitude: [], wind: [], torque: [], age: [], angles: [], rates: [] }; // each row: time [s], then its numbers
 const facts = {};
+const LEFT = 42; // pixels of a chart's labels
+const cursor = { share: null }; // of the charts' width under the pointer
 const clock = { t: 0, rate: 0, latest: 0, received: 0 };
 // State that is drawn now, for tests of the page.
 const shown = { frames: 0, t: 0, q: null, wind_N: null, updates: 0, changed: true };
@@ -23,14 +25,21 @@ const CHARTS = [
   chart.names.forEach((name, i) => {
     const item = caption.appendChild(document.createElement("span"));
     item.appendChild(document.createElement("i")).className = `k${i}`;
-    item.append(name);
+    item.append(`${name} `);
+    item.appendChild(document.createElement("b")).textContent = "–";
     caption.append(" ");
   });
   const canvas = figure.appendChild(document.createElement("canvas"));
   canvas.className = chart.positive ? "low strip" : "strip";
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${chart.title} over time`);
-  return { ...chart, canvas, span: chart.least, stale: true };
+  for (const kind of ["pointermove", "pointerleave"]) {
+    canvas.addEventListener(kind, (event) => {
+      cursor.share = kind === "pointermove" ? (event.offsetX - LEFT) / (canvas.clientWidth - LEFT) : null;
+      shown.changed = true;
+    });
+  }
+  return { ...chart, canvas, values: [...caption.querySelectorAll("b")], span: chart.least, stale: true };
 });
 
 // Return the index of the first row at or after time t.
@@ -49,7 +58,7 @@ function valueAt(list, t) {
   if (!list.length) return null;
   const after = Math.min(indexAt(list, t), list.length - 1), b = list[after], a = list[Math.max(after - 1, 0)];
   const share = b[0] > a[0] ? Math.min(1, Math.max(0, (t - a[0]) / (b[0] - a[0]))) : 1;
-  return a.slice(1).map((value, i) => value + share * (b[i + 1] - value));
+  return a.slice(1).map((value, i) => (value === null || b[i + 1] === null ? null : value + share * (b[i + 1] - value)));
 }
 
 function attitudeAt(t) {
@@ -119,7 +128,7 @@ function trace(g, list, k, first, last, every, x, y) {
 }
 
 function drawStrip(chart, from, to) {
-  const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = 42, bottom = height - 16;
+  const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = LEFT, bottom = height - 16;
   const first = Math.max(indexAt(list, from) - 1, 0), last = Math.min(indexAt(list, to) + 1, list.length);
   const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
   const columns = chart.names.map((_, i) => i + 1);
@@ -153,12 +162,45 @@ function drawStrip(chart, from, to) {
   g.beginPath();
   g.rect(left, 0, width - left, bottom);
   g.clip();
+  drawBehind(g, chart, x, y, bottom);
   g.lineWidth = 1;
   for (const k of columns) {
     g.strokeStyle = colours[`c${k - 1}`];
     trace(g, list, k, first, last, every, x, y);
   }
   g.restore();
+}
+
+// Bands of gusts, faults and events; limits where they are in sight, which never widen the axis; the cursor.
+function drawBehind(g, chart, x, y, bottom) {
+  for (const { from_s, to_s, kind } of facts.bands ?? []) {
+    g.fillStyle = kind === "event" ? colours.ink : colours.wind;
+    g.globalAlpha = 0.14;
+    g.fillRect(x(from_s), 0, Math.max(x(to_s) - x(from_s), 1.5), bottom);
+  }
+  g.globalAlpha = 1;
+  const limits = facts.limits?.[chart.rows === rows.angles ? "angles" : chart.rows === rows.torque ? "torque" : ""] ?? [];
+  g.setLineDash([3, 3]);
+  for (const { axis, value, from_s, to_s } of limits) {
+    g.strokeStyle = axis === null ? colours.limit : colours[`c${axis}`];
+    for (const sign of [1, -1]) {
+      g.beginPath();
+      g.moveTo(x(from_s), y(sign * value));
+      g.lineTo(x(to_s), y(sign * value));
+      g.stroke();
+    }
+  }
+  g.setLineDash([]);
+  if (cursor.share === null || cursor.share < 0) return;
+  g.fillStyle = colours.muted;
+  g.fillRect(LEFT + cursor.share * (chart.canvas.clientWidth - LEFT), 0, 1, bottom);
+}
+
+// Values at the cursor, or the newest.
+function tellValues(chart, from, to) {
+  const t = cursor.share === null || cursor.share < 0 ? to : from + cursor.share * (to - from);
+  const values = valueAt(chart.rows, Math.min(t, clock.latest)) ?? [];
+  chart.values.forEach((place, i) => { place.textContent = values[i] == null ? "–" : values[i].toPrecision(3).replace("-", "−"); });
 }
 
 const counters = { numbersAt: 0, frames: 0, since: 0 };
@@ -174,8 +216,9 @@ function draw(milliseconds) {
     shown.t = clock.t;
     shown.q = attitudeAt(clock.t) ?? [1, 0, 0, 0];
     shown.wind_N = valueAt(rows.wind, clock.t);
-    drawVehicle(byId("vehicle"), shown.q, shown.wind_N);
-    drawHorizon(byId("horizon"), shown.q);
+    const drawn = magnified(shown.q, Number(byId("magnify").value));
+    drawVehicle(byId("vehicle"), drawn, shown.wind_N);
+    drawHorizon(byId("horizon"), drawn);
     for (const chart of CHARTS) chart.stale = true;
   }
   // Draw one chart a frame: it moves a few pixels until its next turn, at a fraction of the cost.
@@ -184,6 +227,7 @@ function draw(milliseconds) {
     chart.stale = false;
     const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
     drawStrip(chart, over ? 0 : to - WINDOW_S, to);
+    tellValues(chart, over ? 0 : to - WINDOW_S, to);
   }
   if (now - counters.numbersAt > 0.1) {
     counters.numbersAt = now;
@@ -245,6 +289,11 @@ function showFacts() {
       }),
     ),
   );
+  byId("next").hidden = !facts.commands?.length;
+  byId("next").replaceChildren(
+    byId("next").firstElementChild,
+    ...(facts.commands ?? []).map((text) => Object.assign(document.createElement("code"), { textContent: text, tabIndex: 0 })),
+  );
   byId("texts").replaceChildren(
     ...facts.texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
   );
@@ -284,6 +333,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   readColours();
   shown.changed = true;
 });
+byId("magnify").addEventListener("change", () => (shown.changed = true));
 addEventListener("resize", () => (shown.changed = true));
 
 const updates = new EventSource("events");

@@ -32,12 +32,12 @@ const ARM = 0.62, PROP = 0.36, GROUND = 0.55;
 const ROTORS = [[1, 1], [-1, -1], [1, -1], [-1, 1]].map(([x, y]) => [x * ARM * Math.SQRT1_2, y * ARM * Math.SQRT1_2, -0.08]);
 const TURN = Array.from({ length: 33 }, (_, i) => [Math.cos((i * Math.PI) / 16), Math.sin((i * Math.PI) / 16)]);
 
-function attitudeView(host, colour) {
+function attitudeView(host, colour, name) {
   const svg = host.appendChild(document.createElementNS("http://www.w3.org/2000/svg", "svg"));
   svg.setAttribute("viewBox", "-1.25 -1 2.5 2");
   svg.setAttribute("class", "attitude");
   svg.setAttribute("role", "img");
-  svg.setAttribute("aria-label", "attitude of the vehicle");
+  svg.setAttribute("aria-label", name);
   svg.style.setProperty("--body", colour);
   const part = (kind, name) => {
     const element = svg.appendChild(document.createElementNS("http://www.w3.org/2000/svg", kind));

@@ -3,6 +3,11 @@
 const charts = {
   drawn: [],  // {chart, plot, marker}
   start: 0, end: 1,  // [s] the longest flight
+  shown: [0, 1],  // [s] the zoom
+  bands: [],  // {from, to, kind, text} behind all charts of time
+  flights: new Set(),  // labels of the page's legend
+  hidden: new Set(),
+  alike: false,  // one y scale for the charts of a row
   onZoom() {},
   onPick() {},
   ofTime() { return this.drawn.filter(({ chart }) => chart.kind === "time"); },
@@ -47,7 +52,7 @@ function axisOf(label, k, side) {
 
 // k scales everything, for a picture of higher resolution.
 function optionsOf(chart, width, height, k = 1) {
-  const [distrX, distrY] = { time: [1, 1], frequency: [3, 3], semilog: [3, 1], plane: [4, 4] }[chart.kind];
+  const [distrX, distrY] = { time: [1, 1], frequency: [3, 3], semilog: [3, 1], decibel: [3, 1], plane: [4, 4] }[chart.kind];
   const valuesOf = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
   const range = rangesOf(chart), splitsOf = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
   return {
@@ -55,6 +60,7 @@ function optionsOf(chart, width, height, k = 1) {
     scales: { x: { time: false, distr: distrX, asinh: 0.1, ...range.x }, y: { distr: distrY, asinh: 0.1, ...range.y } },
     axes: [[axisOf(chart.x, k, "x"), distrX], [axisOf("", k, "y"), distrY]].map(([axis, distr]) => ({ ...axis, values: valuesOf(distr), ...splitsOf(distr) })),
     series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
+    hooks: { drawAxes: [(plot) => drawBehind(plot, chart, k)] },
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
       y: false, points: { size: 6 }, drag: { x: chart.kind === "time", y: false, setScale: chart.kind === "time" },
@@ -65,10 +71,161 @@ function optionsOf(chart, width, height, k = 1) {
 
 // Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
 function rangesOf(chart) {
-  if (chart.kind === "time" || chart.kind === "semilog") return { y: { range: (_, low, high) => (low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true)) } };
+  if (chart.kind === "time" || chart.kind === "semilog") {
+    return { y: { range: (plot, low, high) => {
+      if (charts.alike && chart.group) [low, high] = rangeOfRow(plot, chart, low, high);
+      return low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true);
+    } } };
+  }
+  if (chart.kind === "decibel") return { y: { range: (_, low, high) => uPlot.rangeNum(Math.max(low, high - 90), high, 0.08, true) } };
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
   const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };
+}
+
+// Least and largest shown value of all charts of a row with the same unit.
+function rangeOfRow(plot, chart, low, high) {
+  const unit = chart.title.split("[")[1], { min, max } = plot.scales.x;
+  for (const { chart: other, plot: its } of charts.drawn) {
+    if (other.group !== chart.group || other.title.split("[")[1] !== unit) continue;
+    const [x, ...columns] = its.data;
+    columns.forEach((y, i) => {
+      if (!its.series[i + 1].show) return;
+      for (let k = 0; k < x.length; k++) {
+        if (x[k] < min || x[k] > max || y[k] == null) continue;
+        low = Math.min(low, y[k]);
+        high = Math.max(high, y[k]);
+      }
+    });
+  }
+  return [low, high];
+}
+
+function rescale() { for (const { plot } of charts.ofTime()) plot.setScale("x", { min: plot.scales.x.min, max: plot.scales.x.max }); }
+
+function scaleAlike(alike) {
+  charts.alike = alike;
+  rescale();
+}
+
+// Bands of gusts, faults and events, then limits and crossovers: all behind the curves, none widens an axis.
+function drawBehind(plot, chart, k) {
+  const { ctx: ink, bbox } = plot, ratio = window.devicePixelRatio * k;
+  ink.save();
+  ink.beginPath();
+  ink.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ink.clip();
+  ink.font = `${10 * ratio}px system-ui, sans-serif`;
+  if (chart.kind === "time") charts.bands.forEach((band, i) => drawBand(plot, ink, band, i, ratio));
+  const named = new Set();
+  for (const mark of chart.marks ?? []) {
+    drawMark(plot, ink, mark, ratio, !named.has(`${mark.label}${mark.x}`));
+    named.add(`${mark.label}${mark.x}`);
+  }
+  ink.restore();
+}
+
+function drawBand(plot, ink, band, i, ratio) {
+  const { top, height } = plot.bbox, colour = themed(BAND_COLOURS[band.kind]);
+  const [left, right] = [band.from, band.to].map((time) => plot.valToPos(time, "x", true));
+  ink.fillStyle = ink.strokeStyle = colour;
+  ink.globalAlpha = 0.13;
+  ink.fillRect(left, top, right - left, height);
+  ink.globalAlpha = 0.8;
+  ink.lineWidth = ratio;
+  ink.setLineDash([]);
+  ink.beginPath();
+  ink.moveTo(left, top);
+  ink.lineTo(left, top + height);
+  ink.stroke();
+  ink.globalAlpha = 1;
+  ink.fillStyle = themed("--muted");
+  ink.textAlign = "left";
+  ink.textBaseline = "top";
+  if (charts.bands.length < 27) ink.fillText(BAND_LETTERS[i], left + 3 * ratio, top + 2 * ratio);
+}
+
+function drawMark(plot, ink, mark, ratio, named) {
+  const { left, top, width, height } = plot.bbox, upward = mark.y === null;
+  const [from, to] = mark.x === null ? [left, left + width] : mark.x.map((x) => plot.valToPos(x, "x", true));
+  const y = upward ? 0 : plot.valToPos(mark.y, "y", true);
+  ink.strokeStyle = ink.fillStyle = themed(mark.colour === null ? "--limit" : `--c${mark.colour % 7}`);
+  ink.lineWidth = 1.2 * ratio;
+  ink.setLineDash([2 * ratio, 3 * ratio]);
+  ink.beginPath();
+  ink.moveTo(upward ? from : Math.max(from, left), upward ? top : y);
+  ink.lineTo(upward ? from : Math.min(to, left + width), upward ? top + height : y);
+  ink.stroke();
+  if (!named) return;
+  ink.setLineDash([]);
+  if (upward) {
+    ink.textAlign = "left";
+    ink.textBaseline = "bottom";
+    ink.fillText(mark.label, from + 3 * ratio, top + height - 3 * ratio);
+    return;
+  }
+  ink.textAlign = "right";
+  ink.textBaseline = y > top + height / 2 ? "bottom" : "top";
+  ink.fillText(mark.label, Math.min(to, left + width) - 4 * ratio, y + (y > top + height / 2 ? -2 : 2) * ratio);
+}
+
+const BAND_COLOURS = { gust: "--c5", moment: "--c3", link: "--c4", event: "--c6" };
+const BAND_LETTERS = "abcdefghijklmnopqrstuvwxyz";
+
+function listBands(list) {
+  charts.bands.forEach(({ from, to, kind, text }, i) => {
+    const item = list.appendChild(document.createElement("li"));
+    item.style.setProperty("--chip", `var(${BAND_COLOURS[kind]})`);
+    const letter = charts.bands.length < 27 ? `${BAND_LETTERS[i]} ` : "";
+    item.textContent = `${letter}${text}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
+  });
+}
+
+// The one legend of the page: the flights, and what is common to them. A press hides or shows a curve in all charts.
+function showLegend(flights) {
+  const legend = document.getElementById("legend"), common = new Map();
+  for (const { chart } of charts.drawn) {
+    for (const curve of chart.curves) if (COMMON.test(curve.label)) common.set(curve.label, curve);
+  }
+  for (const curve of [...flights, ...common.values()]) {
+    const button = legend.appendChild(document.createElement("button"));
+    button.type = "button";
+    button.setAttribute("aria-pressed", "true");
+    button.append(keyOf(curve), curve.label);
+    button.addEventListener("click", () => {
+      const shown = charts.hidden.has(curve.label);
+      charts.hidden[shown ? "delete" : "add"](curve.label);
+      button.setAttribute("aria-pressed", String(shown));
+      for (const { chart, plot } of charts.drawn) {
+        chart.curves.forEach((each, i) => { if (each.label === curve.label) plot.setSeries(i + 1, { show: shown }); });
+      }
+    });
+  }
+}
+
+const COMMON = /^(all runs|reference.*)$/;
+
+function keyOf(curve) {
+  const key = document.createElement("i");
+  key.className = "key";
+  key.style.borderTopColor = `var(${curve.colour === null ? "--c6" : `--c${curve.colour % 7}`})`;
+  if (curve.style === "dashed" || curve.colour >= 7) key.style.borderTopStyle = "dashed";
+  return key;
+}
+
+// Names of curves that are no flights stand once for their group.
+function groupLegend(article, group) {
+  const own = new Map();
+  for (const chart of group.charts) {
+    for (const curve of chart.curves) if (!charts.flights.has(curve.label) && !COMMON.test(curve.label)) own.set(curve.label, curve);
+  }
+  if (!own.size) return;
+  const line = article.appendChild(document.createElement("p"));
+  line.className = "keys";
+  for (const curve of own.values()) {
+    const item = line.appendChild(document.createElement("span"));
+    item.append(keyOf(curve), curve.label);
+  }
 }
 
 // Grid of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own loops for ever on a range just below a power.
@@ -103,17 +260,26 @@ function addGroup(section, group) {
   Object.assign(button, { type: "button", textContent: "PNG", title: `Save '${group.title}' as a picture` });
   button.addEventListener("click", () => save(group));
   if (group.note) Object.assign(article.appendChild(document.createElement("p")), { className: "note", textContent: group.note });
+  groupLegend(article, group);
   const row = article.appendChild(document.createElement("div"));
-  row.className = `charts of${group.charts.length}`;
-  for (const chart of group.charts) addChart(row, chart);
+  row.className = group.title === "Attitude" ? "charts tall" : `charts of${group.charts.length}`;
+  for (const chart of group.charts) {
+    chart.group = group.title;
+    addChart(row, chart);
+  }
 }
 
 function addChart(row, chart) {
   const place = row.appendChild(document.createElement("div"));
   place.className = "chart";
-  place.appendChild(document.createElement("h4")).textContent = chart.title;
-  const height = chart.kind === "time" ? 170 : 230;
+  const title = place.appendChild(document.createElement("h4"));
+  title.textContent = chart.title;
+  const beyond = [...new Set((chart.marks ?? []).filter(({ y, colour }) => y !== null && colour === null && chart.kind === "time").map(({ label }) => label))];
+  if (beyond.length) title.appendChild(document.createElement("small")).textContent = ` ${beyond.join(", ")}`;
+  const height = row.classList.contains("tall") ? 190 : chart.kind === "time" ? 150 : 220;
   const plot = new uPlot(optionsOf(chart, Math.max(place.clientWidth, 200), height), tableOf(chart), place);
+  plot.over.setAttribute("role", "img");
+  plot.over.setAttribute("aria-label", `${chart.group}, ${chart.title} over ${chart.x}: ${chart.curves.map(({ label }) => label).join(", ")}`);
   const drawn = { chart, plot, marker: null };
   charts.drawn.push(drawn);
   new ResizeObserver(() => {
@@ -144,6 +310,7 @@ function zoom(min, max) {
   for (const { plot } of charts.ofTime()) {
     if (plot.scales.x.min !== min || plot.scales.x.max !== max) plot.setScale("x", { min, max });
   }
+  charts.shown = [min, max];
   charts.onZoom(min, max);
 }
 

@@ -4,6 +4,8 @@ const page = JSON.parse(document.getElementById("page-data").textContent);
 const ready = (async () => {
   await numbers.unpack(document.getElementById("page-numbers").textContent);
   charts.name = page.name;
+  charts.bands = page.bands;
+  charts.flights = new Set(page.runs.map((run) => run.label));
   for (const [name, groups] of Object.entries(page.sections)) {
     const section = document.getElementById(name);
     for (const group of groups) addGroup(section, group);
@@ -22,6 +24,14 @@ const ready = (async () => {
   document.getElementById("whole").addEventListener("click", () => zoom(charts.start, charts.end));
   zoom(charts.start, charts.end);
   startReplay(page.runs);
+  showLegend(page.runs.map((run, i) => ({ label: run.label, colour: i, style: "solid" })));
+  listBands(document.getElementById("bands"));
+  document.getElementById("alike").addEventListener("change", (event) => scaleAlike(event.target.checked));
+  // Small views while the large ones are out of sight.
+  new IntersectionObserver(([seen]) => {
+    document.getElementById("dock").classList.toggle("stuck", !seen.isIntersecting && seen.boundingClientRect.top < 0);
+    showMoment(replay.time);
+  }).observe(document.getElementById("views"));
   const redraw = () => charts.drawn.forEach(({ plot }) => plot.redraw(false));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   addEventListener("resize", () => requestAnimationFrame(() => markTime(replay.time)));

@@ -27,14 +27,16 @@ function sampleAt(times, time) {
 function addRun(run, i) {
   const figure = document.getElementById("views").appendChild(document.createElement("figure"));
   figure.appendChild(document.createElement("figcaption")).textContent = run.label;
-  const view = attitudeView(figure, `var(--c${i % 7})`);
+  const view = attitudeView(figure, `var(--c${i % 7})`, `attitude of the vehicle, ${run.label}`);
   const angles = figure.appendChild(document.createElement("div"));
   angles.className = "angles";
   const outputs = ANGLES.map(() => angles.appendChild(document.createElement("output")));
   const time = numbers.at(run.time), q_NB = run.q_NB.map((place) => numbers.at(place)), gust_B = run.gust_B.map((place) => numbers.at(place));
   let strongest = 0;
   for (let k = 0; k < time.length; k++) strongest = Math.max(strongest, Math.hypot(gust_B[0][k], gust_B[1][k], gust_B[2][k]) || 0);
-  replay.runs.push({ view, outputs, time, q_NB, gust_B, strongest });
+  const small = document.getElementById("minis").appendChild(document.createElement("figure"));
+  const mini = attitudeView(small, `var(--c${i % 7})`, run.label), told = small.appendChild(document.createElement("span"));
+  replay.runs.push({ view, outputs, mini, told, time, q_NB, gust_B, strongest });
   replay.end = Math.max(replay.end, time[time.length - 1]);
 }
 
@@ -42,10 +44,15 @@ function showMoment(time) {
   replay.time = Math.min(Math.max(time, 0), replay.end);
   const factor = Number(document.getElementById("magnify").value);
   const strongest = Math.max(...replay.runs.map((run) => run.strongest));
+  const stuck = document.getElementById("dock").classList.contains("stuck");
   for (const run of replay.runs) {
     const k = sampleAt(run.time, replay.time), q = run.q_NB.map((column) => column[k]);
     const arrow = strongest > 0 ? run.gust_B.map((column) => (0.95 * column[k]) / strongest) : null;
     run.view.update(magnified(q, factor), arrow);
+    if (stuck) {
+      run.mini.update(magnified(q, factor), arrow);
+      run.told.textContent = eulerOf(q).map((angle, i) => `${ANGLES[i]} ${angle.toFixed(2).replace("-", "−")}°`).join("  ");
+    }
     eulerOf(q).forEach((angle, i) => { run.outputs[i].value = `${ANGLES[i]} ${angle.toFixed(3).replace("-", "−")}°`; });
   }
   document.getElementById("scrub").value = replay.time;
@@ -53,8 +60,12 @@ function showMoment(time) {
   markTime(replay.time);
 }
 
+// Play the shown part of the flight.
+function shownEnd() { return Math.min(replay.end, charts.shown[1]); }
+
 function setPlaying(playing) {
-  if (playing && replay.time >= replay.end) showMoment(0);
+  const [start] = charts.shown;
+  if (playing && (replay.time >= shownEnd() || replay.time < start)) showMoment(Math.max(start, 0));
   replay.playing = playing;
   const button = document.getElementById("play");
   button.textContent = playing ? "Pause" : "Play";
@@ -68,7 +79,10 @@ function advance(now) {
   const speed = Number(document.getElementById("speed").value);
   showMoment(replay.time + (Math.max(now - replay.last, 0) / 1000) * speed);
   replay.last = now;
-  if (replay.time >= replay.end) setPlaying(false);
+  if (replay.time >= shownEnd()) {
+    showMoment(shownEnd());
+    setPlaying(false);
+  }
   else requestAnimationFrame(advance);
 }
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from firmware_model.config.vehicle import MOST_ROTORS
+from gustproof.report.html.marks import Mark, limit_marks
 from gustproof.report.html.runs import ReportRun
 from gustproof.scoring.metrics import attitude
 from gustproof.types import Array
@@ -25,6 +26,7 @@ class ChartKind(Enum):
 
     TIME = "time"  # time and a value; all charts of time share zoom and cursor
     FREQUENCY = "frequency"  # both logarithmic
+    DECIBEL = "decibel"  # frequency, logarithmic, and a gain in dB, 90 dB at most
     SEMILOG = "semilog"  # frequency, logarithmic, and a value
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
@@ -65,6 +67,8 @@ class Chart:
     """Axes."""
     curves: tuple[Curve, ...]
     """Curves, the lowest first."""
+    marks: tuple[Mark, ...] = ()
+    """Limits and crossovers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,9 +132,13 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
         charts = []
         for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
             known = [i for i in order if _is_known(columns[i], k)]
+            if not known:
+                continue
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
             references = _reference_curves(runs, k) if title == "Attitude" else ()
-            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references)))
+            drawn = (*curves, *references)
+            marks = limit_marks(runs, title, k)
+            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=drawn, marks=marks))
         groups.append(ChartGroup(title=title, charts=tuple(charts)))
     return tuple(groups)
 
@@ -155,15 +163,18 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
                 if np.all(density[:, k] > 0.0)
             ]
             label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"
-            charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
-        if any(chart.curves for chart in charts):
+            if curves:
+                charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
+        if charts:
             groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
     return tuple(groups)
 
 
-def frequency_chart(title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY) -> Chart:
+def frequency_chart(
+    title: str, curves: tuple[Curve, ...], kind: ChartKind = ChartKind.FREQUENCY, marks: tuple[Mark, ...] = ()
+) -> Chart:
     """Return a chart over frequency."""
-    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves)
+    return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves, marks=marks)
 
 
 def bracket_unit(unit: str) -> str:

@@ -1,5 +1,6 @@
 """Laws of a report in the frequency domain: sensitivities, singular values against the weights, poles."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ from gustproof.report.html.charts import (
     frequency_chart,
     merge_curves,
 )
+from gustproof.report.html.marks import Mark
 from gustproof.report.html.runs import ReportRun
 from gustproof.synthesis.derive import DesignReport, derive
 from gustproof.synthesis.designs import Design, Weight
@@ -65,15 +67,57 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     torque_laws = [law for law in laws if law.hover.sensitivities]
     for name in ("S", "T"):
         curves = tuple(
-            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=law.hover.sensitivities[name])
+            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=_decibels(law.hover.sensitivities[name]))
             for law in torque_laws
         )
-        sensitivities.append(frequency_chart(f"largest singular value of {name} [-]", curves))
+        marks = tuple(_peak_mark(law, name) for law in torque_laws)
+        sensitivities.append(
+            frequency_chart(f"largest singular value of {name} [dB]", curves, ChartKind.DECIBEL, marks)
+        )
     if torque_laws:
         note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
         title = "Sensitivity S and complementary sensitivity T"
         groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
+        groups.append(_loop_charts(torque_laws))
     return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
+
+
+def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
+    """Return the gain of each axis' loop, with the crossovers."""
+    charts = []
+    for k, axis in enumerate(_AXES):
+        gains = [_decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
+        curves = tuple(
+            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
+            for law, gain in zip(laws, gains, strict=True)
+        )
+        crossings = [(law, law.hover.margins.input[k]) for law in laws if law.hover.margins is not None]
+        marks = tuple(
+            Mark(
+                label=f"{math.degrees(margins.phase_margin):.0f}°",
+                x=(margins.crossover, margins.crossover),
+                colour=law.colour,
+            )
+            for law, margins in crossings
+        )
+        zero = Mark(label="0 dB", y=0.0)
+        charts.append(frequency_chart(f"{axis} |L| [dB]", curves, ChartKind.DECIBEL, (zero, *marks)))
+    note = "At the plant's input, sampled and delayed as flown, within 80 dB. Upward lines: crossover and phase margin."
+    return ChartGroup(title="Loop gain", charts=tuple(charts), note=note)
+
+
+def _peak_mark(law: ReportLaw, name: str) -> Mark:
+    peak = float(np.max(law.hover.sensitivities[name]))
+    return Mark(label=f"{peak:.2f}", y=20.0 * math.log10(peak), colour=law.colour)
+
+
+def _within(gains: Matrix) -> Matrix:
+    """Return gains, NaN beyond 80 dB."""
+    return np.where((gains > 1e-4) & (gains < 1e4), gains, np.nan)
+
+
+def _decibels(gains: Matrix) -> Matrix:
+    return np.asarray(20.0 * np.log10(np.maximum(gains, 1e-15)))
 
 
 def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from importlib.resources import files
 
 
@@ -23,3 +24,8 @@ def render_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         f'<tr><th scope="row">{row[0]}</th>{"".join(f"<td>{cell}</td>" for cell in row[1:])}</tr>' for row in rows
     )
     return f'<div class="wide" tabindex="0"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def render_chip(i: int, label: str) -> str:
+    """Return a label beside the colour of its curves."""
+    return f'<span class="name"><i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(label)}</span>'

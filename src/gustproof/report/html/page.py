@@ -18,13 +18,16 @@ import numpy as np
 from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
+from gustproof.report.html.marks import Mark, time_bands
 from gustproof.report.html.markup import fill_page, read_asset
 from gustproof.report.html.runs import ReportRun
-from gustproof.report.html.tables import render_flights, render_margins, render_requirements
+from gustproof.report.html.tables import render_flights, render_margins, render_requirements, render_tiles
 from gustproof.types import Array
 from gustproof.version import __version__
 
 _SCRIPTS = ("attitude.js", "replay.js", "page.js")
+MAX_EXACT = 300_000
+"""Numbers of a page that are kept as float32; curves of a page with more are rounded, to keep it below 3 MB."""
 
 
 def write_report(runs: Sequence[ReportRun], path: Path) -> None:
@@ -47,6 +50,7 @@ def render_page(
     page = {
         "runs": [{"label": run.label, **numbers.encode_replay(run)} for run in runs],
         "sections": sections,
+        "bands": time_bands(runs),
         "name": re.sub(r"[^\w.-]+", "-", scenarios),
     }
     described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
@@ -54,10 +58,12 @@ def render_page(
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
-        "title": escape(title or f"{scenarios}: {', '.join(run.label for run in runs)}"),
+        "title": escape(title or f"{scenarios}: {', '.join(dict.fromkeys(run.pilot_name for run in runs))}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
         "intro": intro,
-        "flights": render_flights(runs) + render_requirements(runs),
+        "tiles": render_tiles(runs),
+        "flights": render_flights(runs),
+        "requirements": render_requirements(runs),
         "margins": render_margins(laws),
         "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
     }
@@ -84,20 +90,31 @@ class NumberBlock:
     def __init__(self) -> None:
         self._arrays: list[bytes] = []
         self._offsets: dict[bytes, tuple[int, int]] = {}
+        self._rounded: set[int] = set()
         self._used = 0
 
-    def add(self, values: Array) -> tuple[int, int]:
-        """Return offset and length of `values` (n,), added if they are new."""
+    def add(self, values: Array, *, exact: bool = True) -> tuple[int, int]:
+        """Return offset and length of `values` (n,), added if they are new; those not `exact` may be rounded."""
         content = np.ascontiguousarray(values, dtype="<f4").tobytes()
         if content not in self._offsets:
             self._offsets[content] = (self._used, len(values))
+            if not exact:
+                self._rounded.add(len(self._arrays))
             self._arrays.append(content)
             self._used += len(values)
         return self._offsets[content]
 
     def encode(self) -> str:
-        """Return the numbers as base64 of zlib of the four planes of their bytes."""
-        words = np.frombuffer(b"".join(self._arrays), dtype=np.uint8).reshape(-1, 4)
+        """Return the numbers as base64 of zlib of the four planes of their bytes.
+
+        If they are many, curves are rounded to 15 significant bits, 1 in 65,000: noise in the last bits, which no
+        eye sees, is most of a page.
+        """
+        arrays = [
+            _round_bits(content) if i in self._rounded and self._used > MAX_EXACT else content
+            for i, content in enumerate(self._arrays)
+        ]
+        words = np.frombuffer(b"".join(arrays), dtype=np.uint8).reshape(-1, 4)
         return base64.b64encode(zlib.compress(words.T.tobytes(), 9)).decode()
 
     def encode_groups(self, groups: Iterable[ChartGroup]) -> list[dict[str, Any]]:
@@ -112,14 +129,26 @@ class NumberBlock:
         records = run.records[:: -(-len(run.records) // MAX_SAMPLES)]
         return {
             "time": self.add(records["time_us"] * 1e-6),
-            "q_NB": [self.add(column) for column in records["q_NB"].T],
-            "gust_B": [self.add(column) for column in records["gust_B"].T],
+            "q_NB": [self.add(column, exact=False) for column in records["q_NB"].T],
+            "gust_B": [self.add(column, exact=False) for column in records["gust_B"].T],
         }
 
     def _encode_chart(self, chart: Chart) -> dict[str, Any]:
         curves = [self._encode_curve(curve) for curve in chart.curves]
-        return {"title": chart.title, "x": chart.x_label, "kind": chart.kind.value, "curves": curves}
+        marks = [*map(_encode_mark, chart.marks)]
+        return {"title": chart.title, "x": chart.x_label, "kind": chart.kind.value, "curves": curves, "marks": marks}
 
     def _encode_curve(self, curve: Curve) -> dict[str, Any]:
-        offsets = {"x": self.add(curve.x), "y": self.add(curve.y)}
+        offsets = {"x": self.add(curve.x), "y": self.add(curve.y, exact=False)}
         return {"label": curve.label, "colour": curve.colour, "style": curve.style.value, **offsets}
+
+
+def _encode_mark(mark: Mark) -> dict[str, Any]:
+    return {"label": mark.label, "x": mark.x, "y": mark.y, "colour": mark.colour}
+
+
+def _round_bits(content: bytes) -> bytes:
+    """Return float32 numbers with the last 9 bits of the significand rounded away; NaN and infinities stay."""
+    values = np.frombuffer(content, dtype="<f4")
+    rounded = ((values.view("<u4") + np.uint32(0x100)) & np.uint32(0xFFFFFE00)).view("<f4")
+    return np.where(np.isfinite(rounded), rounded, values).tobytes()

@@ -8,10 +8,10 @@ from typing import Any
 from gustproof.analysis.analyse import pole_pairs
 from gustproof.law.form import Law
 from gustproof.report.html.loops import ReportLaw
-from gustproof.report.html.markup import render_table
+from gustproof.report.html.markup import render_chip, render_table
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.laws import MARGINS, format_margin, format_poles
-from gustproof.report.terminal import figure_rows, format_number
+from gustproof.report.terminal import FIGURES, figure_rows, format_number
 from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
 from gustproof.synthesis.derive import margins_to_dict
 
@@ -32,9 +32,50 @@ _PACE = {
 }
 
 
+_TILES = (("RMSE", "rmse_deg"), ("Peak", "peak_deg"), ("Torque slew rms", "torque_slew_rms"))
+
+
+def render_tiles(runs: Sequence[ReportRun]) -> str:
+    """Return the headline figures: a tile each, a line for each flight, with its ratio to the first.
+
+    Only flights of one scenario, vehicle and seed are compared, and only those to the end can be best.
+    """
+    own = [(run.scenario, run.vehicle, run.seed) for run in runs]
+    is_fair = all(each == own[0] for each in own)
+    tiles = [_figure_tile(runs, heading, name, is_fair=is_fair) for heading, name in _TILES]
+    if any(run.requirements for run in runs):
+        tiles.append(_render_tile("Requirements", [_requirements_line(i, run) for i, run in enumerate(runs)]))
+    return f'<div class="tiles">{"".join(tiles)}</div>'
+
+
+def _figure_tile(runs: Sequence[ReportRun], heading: str, name: str, *, is_fair: bool) -> str:
+    values = [getattr(run.metrics, name, math.nan) for run in runs]
+    whole = {v for v, run in zip(values, runs, strict=True) if run.has_expected_outcome and math.isfinite(v)}
+    best = min(whole) if is_fair and len(whole) > 1 else math.nan
+    lines = []
+    for i, (run, value) in enumerate(zip(runs, values, strict=True)):
+        ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 else ""
+        mark = " class='best'" if value == best else ""
+        text = f"<b>{_format_value(value, 3)}</b><small>{ratio}</small>"
+        lines.append(f"<li{mark}>{render_chip(i, run.label)}{text}</li>")
+    return _render_tile(f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines)
+
+
+def _render_tile(heading: str, lines: Iterable[str]) -> str:
+    return f'<div class="tile"><h3>{heading}</h3><ul>{"".join(lines)}</ul></div>'
+
+
+def _requirements_line(i: int, run: ReportRun) -> str:
+    held, judged = (sum(getattr(each, name) for each in run.requirements) for name in ("is_met", "judged"))
+    total = len(run.requirements)
+    mark = "bad" if held < judged else "good" if 0 < held == total else "interval"
+    text = f"{held} of {total} held" if total else "none"
+    return f'<li>{render_chip(i, run.label)}<strong class="{mark}">{text}</strong></li>'
+
+
 def render_flights(runs: Sequence[ReportRun]) -> str:
     """Return laws, flights and figures, one column for each flight; rows without content are left out."""
-    head = ["", *(f'<i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(r.label)}' for i, r in enumerate(runs))]
+    head = ["", *(render_chip(i, run.label) for i, run in enumerate(runs))]
     shown = [*_facts(runs), *_figures(runs)]
     return render_table(head, [[escape(name), *map(escape, cells)] for name, cells in shown if any(cells)])
 
@@ -101,8 +142,8 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
     return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
 
 
-def _format_value(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
+def _format_value(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
 
 
 def render_margins(laws: Iterable[ReportLaw]) -> str:

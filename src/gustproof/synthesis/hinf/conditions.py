@@ -6,11 +6,19 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, Matrix, largest_gain
+from gustproof.synthesis.hinf.axis_zeros import AxisZeros, find_axis_zeros
 
 _RANK = 1e-10
 """[-] singular values below this fraction of the largest count as zero."""
 _AXIS = 1e-10
 """[-] eigenvalues with a real part below this fraction of the norm of the matrix count as on the imaginary axis."""
+
+
+class SingularProblemError(DesignError):
+    """The Riccati equations do not exist: D12 or D21 lacks rank, or there is a zero on the imaginary axis.
+
+    A regularised problem has no such fault.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +43,10 @@ class NormalizedPlant:
     """Number of exogenous inputs w."""
     p1: int
     """Number of outputs z to keep small."""
+    control_zeros: AxisZeros
+    """Zeros from u to z near the imaginary axis."""
+    filter_zeros: AxisZeros
+    """Zeros from w to y near the imaginary axis."""
 
     @property
     def m2(self) -> int:
@@ -53,6 +65,13 @@ class NormalizedPlant:
         rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
         return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
 
+    @property
+    def size(self) -> float:
+        """[-] size of the gain from w to z without control."""
+        A, B1, C1, D11 = self.A, self.B[:, : self.m1], self.C[: self.p1], self.D[: self.p1, : self.m1]
+        rate = largest_gain(A)
+        return max(largest_gain(D11), largest_gain(C1) * largest_gain(B1) / rate if rate else 0.0)
+
     def to_plant_units(self, K: Lti) -> Lti:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
@@ -65,31 +84,35 @@ class NormalizedPlant:
         return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
 
 
+def require_sizes(P: Lti, n_meas: int, n_con: int) -> None:
+    """Raise a `ValueError` if a plant has no states, or none of w, z, u or y are left."""
+    if not P.order:
+        raise ValueError("P must have at least one state")
+    if min(n_con, n_meas, P.n_inputs - n_con, P.n_outputs - n_meas) < 1:
+        raise ValueError(
+            f"P is {P.n_outputs} x {P.n_inputs}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y"
+        )
+
+
 def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     """Return the normal form of `P`, or raise an error that names the failed condition.
 
     Raises
     ------
-    ValueError
-        If sizes do not fit, or `P` is discrete or has no states.
+    SingularProblemError
+        If D12 or D21 lacks rank, or there is a zero on the imaginary axis.
     DesignError
-        If D12 or D21 lacks rank, a mode cannot be stabilised or detected, or there is a zero on the imaginary axis.
+        If a mode cannot be stabilised or detected.
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
-    if P.dt or not P.order:
-        raise ValueError("P must be continuous, with at least one state")
-    if n_con < 1 or n_meas < 1 or m1 < 1 or p1 < 1:
-        raise ValueError(
-            f"P is {P.n_outputs} x {P.n_inputs}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y"
-        )
     B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
     D12, D21 = P.D[:p1, m1:], P.D[p1:, :m1]
     _require_rank(D12, "D12 lacks full column rank: a control is not weighted in z")
     _require_rank(D21.T, "D21 lacks full row rank: a measurement has no noise in w")
     _require_stabilizable(P.A, B2, "P is not stabilisable by u")
     _require_stabilizable(P.A.T, C2.T, "P is not detectable from y")
-    _require_no_axis_zero(P.A, B2, C1, D12, "from u to z")
-    _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
+    control_zeros = _require_no_axis_zero(P.A, B2, C1, D12, "from u to z")
+    filter_zeros = _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
     Q_z, R_u = _complete_basis(D12)
     Q_w, R_y = _complete_basis(D21.T)
     control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
@@ -109,6 +132,8 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
         measurement_scale=measurement_scale,
         m1=m1,
         p1=p1,
+        control_zeros=control_zeros,
+        filter_zeros=filter_zeros,
     )
 
 
@@ -122,7 +147,7 @@ def _complete_basis(D: Matrix) -> tuple[Matrix, Matrix]:
 def _require_rank(D: Matrix, failure: str) -> None:
     singular = np.linalg.svd(D, compute_uv=False)
     if D.shape[0] < D.shape[1] or singular[-1] <= _RANK * singular[0]:
-        raise DesignError(failure)
+        raise SingularProblemError(failure)
 
 
 def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
@@ -135,17 +160,26 @@ def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
                 raise DesignError(f"{failure}: mode at {_format_pole(pole)}")
 
 
-def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str) -> None:
-    """Raise if `[A - jw, B; C, D]` loses column rank: such zeros are unobservable modes of a reduced pair."""
+def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str) -> AxisZeros:
+    """Return the zeros near the axis; raise if one is on it: `[A - jw, B; C, D]` loses column rank there.
+
+    Such zeros are unobservable modes of a reduced pair.
+    """
     F = np.linalg.lstsq(D, C, rcond=None)[0]
     A_reduced, C_reduced = A - B @ F, C - D @ F
-    n, scale = A.shape[0], max(largest_gain(A_reduced), np.finfo(float).tiny)
+    scale = max(largest_gain(A_reduced), np.finfo(float).tiny)
     size = max(largest_gain(C), np.finfo(float).tiny)
-    for zero in np.linalg.eigvals(A_reduced):
+    zeros = find_axis_zeros(A_reduced, C_reduced, size)
+    on_axis = zeros.on_axis
+    A_rest, C_rest = zeros.rest.T @ A_reduced @ zeros.rest, C_reduced @ zeros.rest
+    for zero in np.linalg.eigvals(A_rest):
         if abs(zero.real) <= _AXIS * scale:
-            pencil = np.vstack([(A_reduced - zero * np.eye(n)) / scale, C_reduced / size])
+            pencil = np.vstack([(A_rest - zero * np.eye(len(A_rest))) / scale, C_rest / size])
             if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
-                raise DesignError(f"P has a zero on the imaginary axis {path}: at {_format_pole(zero)}")
+                on_axis = complex(zero)
+    if on_axis is not None:
+        raise SingularProblemError(f"P has a zero on the imaginary axis {path}: at {_format_pole(on_axis)}")
+    return zeros
 
 
 def _format_pole(value: complex) -> str:

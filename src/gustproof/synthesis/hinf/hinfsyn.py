@@ -1,23 +1,26 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import hinf_norm
-from gustproof.lti.riccati import RiccatiError, stabilizing_solution
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, largest_gain, lft
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti
 from gustproof.synthesis.checked_controller import CheckedController
-from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize
+from gustproof.synthesis.hinf.channels import Units, solve_in_best_units
+from gustproof.synthesis.hinf.closed_loop import loop_norm
+from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize, require_sizes
+from gustproof.synthesis.hinf.discrete_image import continuous_image, discrete_original
+from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, solve_or_regularize
+from gustproof.synthesis.hinf.riccati_half import RiccatiData, has_no_solution, riccati_data, solve_riccati
 
 _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
-_SEMIDEFINITE = 1e-9
-"""[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
-singular or 0; it becomes indefinite only through infinity."""
+_TOLD = 5e-5
+"""[-] relative distance below the least level at which it must be clear that there is no controller."""
+_NEAR_ZERO = 1e-6
+"""[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller still exists."""
 _PATIENCE = 2
@@ -40,28 +43,18 @@ class HinfResult(CheckedController):
     """
 
     gamma_opt: float
-    """[-] least level for which a controller exists, to 1e-7 relative, from above."""
+    """[-] least level for which a controller exists, to 1e-7 relative, from above; of the regularised plant if `P` is
+    singular. Levels below 1e-6 of the size of P may be rounding of 0."""
     X: Matrix
-    """(n, n) solution of the control Riccati equation at `gamma`."""
+    """(n, n) solution of the control Riccati equation at `gamma`; of the bilinear image if P is discrete."""
     Y: Matrix
     """(n, n) solution of the filter Riccati equation at `gamma`."""
-
-
-class _RiccatiData(NamedTuple):
-    """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
-
-    A: Matrix
-    B: Matrix
-    R: Matrix
-    """(m1 + m2, m1 + m2) D1^T D1."""
-    SB: Matrix
-    """(m1 + m2, 2n) S = D1^T C1, then B^T."""
-    Q: Matrix
-    """(n, n) C1^T C1."""
-    J: Matrix
-    """(m1 + m2, m1 + m2) identity on w, 0 on u."""
-    natural_size: float
-    """Size of a solution, the scale for its eigenvalues."""
+    norm_error: float = 0.0
+    """[-] rounding of `norm`, from two ways to compute the loop's gain at `omega`."""
+    regularization: float = 0.0
+    """[-] weight of the controls, states and noise added to a singular plant; 0 if there was no need."""
+    gamma_excess: float = 0.0
+    """[-] estimate of how much the regularisation adds to `gamma_opt`; infinite if it cannot be told."""
 
 
 class _Solution(NamedTuple):
@@ -79,32 +72,48 @@ class _Solution(NamedTuple):
 
 
 def hinfsyn(
-    P: LinearSystem, n_meas: int, n_con: int, *, gamma: float | None = None, backoff: float = 1.05
+    P: LinearSystem,
+    n_meas: int,
+    n_con: int,
+    *,
+    gamma: float | None = None,
+    backoff: float = 1.05,
+    regularize: bool = False,
 ) -> HinfResult:
     """Return the central controller that keeps the H-infinity norm from w to z below a level.
 
     The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls. `D11` and `D22` are arbitrary.
+    A badly scaled plant is solved in units of powers of two. Zeros near the imaginary axis are split off the Riccati
+    equations. A discrete plant is mapped by the bilinear transformation. The returned loop's norm is always computed
+    from `P` itself, as it was given.
+
     Parts of the plant not joined by any path of coefficients are not joined in the controller either: exact zeros.
     Cost: some 25 Schur forms of order 2n, milliseconds at n = 9.
 
     Parameters
     ----------
     P
-        Continuous generalised plant, inputs (w, u), outputs (z, y).
+        Generalised plant, continuous or discrete, inputs (w, u), outputs (z, y).
     n_meas, n_con
         Number of measurements y and controls u.
     gamma
         [-] level to design for; `None` for `backoff` times the least.
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
+    regularize
+        True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
+        on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
+        tens until the least level falls no more; `regularization` and `gamma_excess` tell the last and its cost.
 
     Raises
     ------
     ValueError
-        If sizes do not fit, `P` is discrete, or `gamma` or `backoff` is out of range.
+        If sizes do not fit, or `gamma` or `backoff` is out of range.
+    SingularProblemError
+        If D12 or D21 lacks rank or there is a zero on the imaginary axis, and `regularize` is False.
     DesignError
-        If the problem is ill posed (the text names the failed condition), no controller exists at `gamma`, or rounding
-        spoilt the controller. A controller that does not stabilise or exceeds the level is never returned.
+        If a mode cannot be stabilised or detected, no controller exists at `gamma`, or rounding spoilt the controller.
+        The text names the failed condition. A controller that does not keep its level is never returned.
 
     References
     ----------
@@ -125,38 +134,90 @@ def hinfsyn(
     if not (np.isfinite(backoff) and backoff > 1.0):
         raise ValueError(f"backoff is {backoff!r}, must be above 1")
     plant = as_lti(P)
+    require_sizes(plant, n_meas, n_con)
+    design = _Design(plant=plant, n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
     try:
-        return _synthesize(plant, normalize(plant, n_meas, n_con), gamma, backoff)
-    except (np.linalg.LinAlgError, OverflowError) as error:
+        return design.solve(regularize=regularize)
+    except ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
-def _synthesize(plant: Lti, problem: NormalizedPlant, gamma: float | None, backoff: float) -> HinfResult:
-    A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
-    halves = (_riccati_data(A, B, C[:p1], D[:p1], m1), _riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1))
-    gamma_opt = _least_level(halves, problem.floor)
-    level = backoff * gamma_opt if gamma is None else gamma
-    if level <= gamma_opt:
-        raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
-    solution = _solve(halves, level)
-    if not solution.definite:
-        raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
-    if solution.margin <= 0.0:
-        raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
-    K = _decouple(_central_controller(problem, solution, level), plant)
-    spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
-    try:
-        peak = hinf_norm(lft(plant, K))
-    except ValueError as error:
-        raise DesignError(f"{spoilt}: {error}") from None
-    if not peak.gain < level:
-        raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
-    return HinfResult(
-        controller=K, gamma_opt=gamma_opt, gamma=level, norm=peak.gain, omega=peak.omega, X=solution.X, Y=solution.Y
-    )
+class _Design(NamedTuple):
+    """A plant, as it was given, and the demands on its controller."""
+
+    plant: Lti
+    n_meas: int
+    n_con: int
+    gamma: float | None
+    backoff: float
+
+    def solve(self, *, regularize: bool) -> HinfResult:
+        """Return the controller of the plant, or of the least regularisation that is useful."""
+        result, weight, excess = solve_or_regularize(
+            continuous_image(self.plant),
+            (self.n_meas, self.n_con),
+            self._solve_image,
+            lambda result: result.gamma_opt,
+            regularize=regularize,
+        )
+        return replace(result, regularization=weight, gamma_excess=excess)
+
+    def _solve_image(self, image: Lti, units: Units) -> HinfResult:
+        """Return the checked controller of an image of the plant in `units`."""
+        return solve_in_best_units(
+            image, self.n_meas, self.n_con, lambda scaled, more: self._solve(scaled, units * more)
+        )
+
+    def _solve(self, image: Lti, units: Units) -> HinfResult:
+        """Return the central controller, with the norm of the loop that it closes; raise if its level is exceeded.
+
+        The units of the loop change neither its norm nor, being powers of two, a digit of it.
+        """
+        problem = normalize(image, self.n_meas, self.n_con)
+        gamma_opt, level, solution = self._solve_equations(problem)
+        K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
+        spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
+        try:
+            peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
+        except ValueError as failure:
+            raise DesignError(f"{spoilt}: {failure}") from None
+        if not peak.gain < level:
+            raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
+        back = units.x[:, None] * units.x
+        return HinfResult(
+            controller=units.restore(K),
+            gamma_opt=gamma_opt,
+            gamma=level,
+            norm=peak.gain,
+            omega=peak.omega,
+            checks=("the loop of the given plant is stable", "its norm, from its state space alone, is below gamma"),
+            X=solution.X / back,
+            Y=solution.Y * back,
+            norm_error=error,
+        )
+
+    def _solve_equations(self, problem: NormalizedPlant) -> tuple[float, float, _Solution]:
+        """Return the least level, the level to design for and the solutions there."""
+        A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
+        halves = (
+            riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
+            riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
+        )
+        gamma_opt = _least_level(halves, problem.floor)
+        level = self.backoff * gamma_opt if self.gamma is None else self.gamma
+        if level <= gamma_opt:
+            raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
+        if gamma_opt > _NEAR_ZERO * problem.size:
+            _require_clear_boundary(halves, gamma_opt, problem.floor)
+        solution = _solve(halves, level)
+        if not solution.definite:
+            raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
+        if solution.margin <= 0.0:
+            raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
+        return gamma_opt, level, solution
 
 
-def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> float:
+def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
     Secants converge to the zero of the margin. If they are slow, the bracket is halved on a logarithmic scale. The same
@@ -185,6 +246,23 @@ def _least_level(halves: tuple[_RiccatiData, _RiccatiData], floor: float) -> flo
     return high
 
 
+def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
+    """Raise if it may be rounding that leaves no controller just below the least level."""
+    level = (1.0 - _TOLD) * gamma_opt
+    if level <= floor or gamma_opt <= _SMALLEST_LEVEL:
+        return
+    try:
+        solution = _solve(halves, level)
+        clear = solution.margin <= 0.0
+    except DesignError:
+        clear = any(has_no_solution(half, level) for half in halves)
+    if not clear:
+        raise DesignError(
+            f"the least level, about {gamma_opt:.6g}, cannot be told: rounding hides on which side of the imaginary "
+            "axis a mode or zero of P is"
+        )
+
+
 def _secant_zero(seen: list[tuple[float, float]]) -> float:
     """Return the zero of the line through the last two points of finite margin; nan if there are fewer than two."""
     finite = [point for point in seen if np.isfinite(point[1])][-2:]
@@ -194,7 +272,7 @@ def _secant_zero(seen: list[tuple[float, float]]) -> float:
     return last - margin * (last - first) / (margin - its_margin)
 
 
-def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
+def _margin(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> float:
     """Return the margin at a level; minus infinity if a Riccati solution does not exist."""
     try:
         return _solve(halves, gamma).margin
@@ -202,17 +280,10 @@ def _margin(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> float:
         return -np.inf
 
 
-def _riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int) -> _RiccatiData:
-    natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
-    J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
-    SB = np.hstack([D1.T @ C1, B.T])
-    return _RiccatiData(A=A, B=B, R=D1.T @ D1, SB=SB, Q=C1.T @ C1, J=J, natural_size=natural_size)
-
-
-def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution:
+def _solve(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> _Solution:
     """Return both Riccati solutions, gains and the margin at the level `gamma`; raise if a solution does not exist."""
-    X, F, X_definite = _solve_riccati(halves[0], gamma)
-    Y, Lt, Y_definite = _solve_riccati(halves[1], gamma)
+    X, F, X_definite = solve_riccati(halves[0], gamma)
+    Y, Lt, Y_definite = solve_riccati(halves[1], gamma)
     eigenvalues = np.linalg.eigvals(X @ Y)
     dominant = float(eigenvalues[np.argmax(np.abs(eigenvalues))].real)
     definite = X_definite and Y_definite
@@ -222,27 +293,6 @@ def _solve(halves: tuple[_RiccatiData, _RiccatiData], gamma: float) -> _Solution
     if not definite and margin > 0.0:
         margin = -np.inf
     return _Solution(X=X, Y=Y, F=F, L=Lt.T, definite=definite, margin=margin)
-
-
-def _solve_riccati(half: _RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
-    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue."""
-    n, (A, B, R, SB, Q, J, natural_size) = half.A.shape[0], half
-    _, _, solved, singular = dgesv(R - gamma**2 * J, SB)
-    if singular:
-        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
-    S, RS, RB = SB[:, :n], solved[:, :n], solved[:, n:]
-    H = np.empty((2 * n, 2 * n))
-    H[:n, :n] = A - B @ RS
-    H[:n, n:] = -B @ RB
-    H[n:, :n] = S.T @ RS - Q
-    H[n:, n:] = -H[:n, :n].T
-    try:
-        X = stabilizing_solution(H)
-    except RiccatiError as error:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from None
-    eigenvalues = np.linalg.eigvalsh(X)
-    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], natural_size)
-    return X, -(RS + RB @ X), bool(definite)
 
 
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:

@@ -23,8 +23,8 @@ import numpy as np
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
-from gustproof.law.discretize import tustin
 from gustproof.law.form import Law, Provenance
+from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import Lti
 from gustproof.performance.covariance import AxisModel
 from gustproof.synthesis.pid.tuning import (

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from gustproof.lti.bilinear import bilinear_transform, tustin
 from gustproof.lti.state_space import Lti, Matrix
 
 Draw = Callable[[np.random.Generator], Matrix]
@@ -40,6 +41,8 @@ class TunableBlock:
     """Random initial parameters."""
     fit: Fit
     """Parameters near a given system."""
+    dt: float | None = None
+    """[s] sample time that its numbers hold for, 0 if continuous; `None` for any."""
 
     @property
     def size(self) -> int:
@@ -50,9 +53,9 @@ class TunableBlock:
         """Return [A, B; C, D] at the parameters `theta`, (size,)."""
         return np.asarray(self.offset + np.tensordot(theta, self.basis, axes=1))
 
-    def system(self, theta: Matrix) -> Lti:
-        """Return the block as a system at the parameters `theta`, (size,)."""
-        return _system(self.matrix(theta), self.order)
+    def system(self, theta: Matrix, dt: float = 0.0) -> Lti:
+        """Return the block as a system at the parameters `theta`, (size,), and the sample time `dt` [s]."""
+        return _system(self.matrix(theta), self.order, dt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +65,8 @@ class Structure:
     Raises
     ------
     ValueError
-        If a name occurs twice, or a block names a measurement or control that does not exist.
+        If a name occurs twice, a block names a measurement or control that does not exist, or it is written for
+        another sample time.
 
     Examples
     --------
@@ -79,6 +83,8 @@ class Structure:
     """Number of measurements."""
     n_con: int
     """Number of controls."""
+    dt: float = 0.0
+    """[s] sample time; 0 if continuous."""
 
     def __post_init__(self) -> None:
         """Check names and ports."""
@@ -92,6 +98,8 @@ class Structure:
             ):
                 if wrong := [port for port in ports if not 0 <= port < count]:
                     raise ValueError(f"block '{block.name}' has {kind} {wrong[0]}, there are {count}, counted from 0")
+            if block.dt not in (None, self.dt):
+                raise ValueError(f"block '{block.name}' has the sample time {block.dt} s, the structure {self.dt} s")
 
     @property
     def order(self) -> int:
@@ -120,34 +128,37 @@ class Structure:
     def controller(self, theta: Matrix) -> Lti:
         """Return the controller at the parameters `theta`, (size,)."""
         offset, basis = self.basis()
-        return _system(offset + np.tensordot(theta, basis, axes=1), self.order)
+        return _system(offset + np.tensordot(theta, basis, axes=1), self.order, self.dt)
 
     def systems(self, theta: Matrix) -> dict[str, Lti]:
         """Return each block as a system, by its name."""
         ends = np.cumsum([block.size for block in self.blocks])[:-1]
         parts = np.split(theta, ends)
-        return {block.name: block.system(part) for block, part in zip(self.blocks, parts, strict=True)}
+        return {block.name: block.system(part, self.dt) for block, part in zip(self.blocks, parts, strict=True)}
 
     def draw(self, rng: np.random.Generator) -> Matrix:
-        """Return random parameters, (size,)."""
-        return np.concatenate([block.draw(rng) for block in self.blocks])
+        """Return random parameters, (size,); blocks of a sampled structure are shrunk until they are stable."""
+        theta = np.concatenate([block.draw(rng) for block in self.blocks])
+        if self.dt and self.order:
+            theta /= 1.0 + float(np.max(np.abs(self.controller(theta).poles())))
+        return theta
 
     def fit(self, K: Lti) -> Matrix | None:
         """Return parameters with each block near its part of `K`; `None` if a block has no fit."""
         parts = []
         for block in self.blocks:
             rows, columns = list(block.outputs), list(block.inputs)
-            part = block.fit(Lti(A=K.A, B=K.B[:, columns], C=K.C[rows], D=K.D[np.ix_(rows, columns)]))
+            part = block.fit(Lti(A=K.A, B=K.B[:, columns], C=K.C[rows], D=K.D[np.ix_(rows, columns)], dt=K.dt))
             if part is None:
                 return None
             parts.append(part)
         return np.concatenate(parts)
 
 
-def full_structure(order: int, n_meas: int, n_con: int) -> Structure:
+def full_structure(order: int, n_meas: int, n_con: int, *, dt: float = 0.0) -> Structure:
     """Return the unrestricted structure: any controller of the given order; 0 is static."""
     block = tunable_ss("K", order, inputs=tuple(range(n_meas)), outputs=tuple(range(n_con)))
-    return Structure(blocks=(block,), n_meas=n_meas, n_con=n_con)
+    return Structure(blocks=(block,), n_meas=n_meas, n_con=n_con, dt=dt)
 
 
 def decoupled_structure(order: int, n_meas: int, n_con: int) -> Structure:
@@ -212,8 +223,11 @@ def tunable_ss(
     )
 
 
-def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> TunableBlock:
+def tunable_pid(name: str, *, input: int, output: int, cutoff: float, dt: float = 0.0) -> TunableBlock:
     """Return `k_p + k_i / s + k_d s / (s / cutoff + 1)`, parameters `(k_p, k_i, k_d)`; `cutoff` [rad/s] is fixed.
+
+    With a sample time `dt` [s] the integral is Euler's sum, and the low-pass of the derivative is exact for a held
+    error.
 
     Examples
     --------
@@ -226,6 +240,9 @@ def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable
     offset, basis = np.zeros((3, 3)), np.zeros((3, 3, 3))
     # states: integral of the error, and the low-passed error e_f; the derivative is cutoff (e - e_f)
     offset[0, 2], offset[1, 1], offset[1, 2] = 1.0, -cutoff, cutoff
+    if dt:
+        kept = np.exp(-cutoff * dt)
+        offset[0, 0], offset[0, 2], offset[1, 1], offset[1, 2] = 1.0, dt, kept, 1.0 - kept
     basis[0, 2, 2] = basis[1, 2, 0] = 1.0
     basis[2, 2, 1], basis[2, 2, 2] = -cutoff, cutoff
 
@@ -241,6 +258,7 @@ def tunable_pid(name: str, *, input: int, output: int, cutoff: float) -> Tunable
         basis=basis,
         draw=draw,
         fit=lambda _: None,
+        dt=dt,
     )
 
 
@@ -276,7 +294,15 @@ def tunable_observer(name: str, order: int, *, input: int, output: int, leak: fl
         return None if M is None else M[free]
 
     return TunableBlock(
-        name=name, inputs=(input,), outputs=(output,), order=order, offset=offset, basis=basis, draw=draw, fit=fit
+        name=name,
+        inputs=(input,),
+        outputs=(output,),
+        order=order,
+        offset=offset,
+        basis=basis,
+        draw=draw,
+        fit=fit,
+        dt=0.0,
     )
 
 
@@ -289,12 +315,14 @@ def observer_structure(order: int, n_con: int, *, leak: float) -> Structure:
 def balanced_truncation(K: Lti, order: int) -> Lti:
     """Return a system of exactly the given order near `K`, by balanced truncation, padded if `K` is of lower order.
 
-    An unstable `K` is shifted to a stable neighbour first.
+    An unstable `K` is shifted to a stable neighbour first; a sampled one passes through the bilinear transformation.
 
     References
     ----------
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 7.1.
     """
+    if K.dt:
+        return tustin(balanced_truncation(bilinear_transform(K), order), K.dt)
     shift = max(0.0, 1e-3 + float(np.max(K.poles().real, initial=-1.0)))
     A = K.A - shift * np.eye(K.order)
     left = _factor(scipy.linalg.solve_continuous_lyapunov(A, -K.B @ K.B.T))
@@ -348,5 +376,5 @@ def _matrix(K: Lti) -> Matrix:
     return np.block([[K.A, K.B], [K.C, K.D]])
 
 
-def _system(M: Matrix, n: int) -> Lti:
-    return Lti(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:])
+def _system(M: Matrix, n: int, dt: float) -> Lti:
+    return Lti(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:], dt=dt)

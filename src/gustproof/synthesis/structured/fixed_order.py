@@ -7,20 +7,31 @@ import numpy as np
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti
 from gustproof.model.interconnection import Interconnection
+from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import Design
+from gustproof.synthesis.methods import uncertain_plant
 from gustproof.synthesis.structured.blocks import decoupled_structure, observer_structure
 from gustproof.synthesis.structured.hinfstruct import Progress, StructResult, hinfstruct
+from gustproof.synthesis.structured.robust import robust_hinfstruct
 
 _AXES = 3
 
 
 def solve_structured(
-    design: Design, problem: Interconnection, *, order: int, starts: int, seed: int, progress: Progress
+    design: Design,
+    problem: Interconnection,
+    *,
+    order: int,
+    starts: int,
+    seed: int,
+    progress: Progress,
+    envelope: Envelope | None = None,
 ) -> StructResult:
     """Return a controller of `order` states in total, the same number for each axis, without coupling between axes.
 
     With two or more states an axis, a regulator's states begin with Euler angles and body rates, as in a central
-    controller. Its law can then be self-scheduled.
+    controller. Its law can then be self-scheduled. With an `envelope` of attitudes and rates, constant in time, the
+    worst of them are designed for in turn, and the gain over all of them is certified.
 
     Raises
     ------
@@ -40,9 +51,13 @@ def solve_structured(
         structure = observer_structure(each, _AXES, leak=design.leak)
     else:
         structure = decoupled_structure(each, problem.n_meas, problem.n_con)
-    result = hinfstruct(
-        problem.plant(), problem.n_meas, problem.n_con, structure=structure, starts=starts, seed=seed, progress=progress
-    )
+    sizes = problem.n_meas, problem.n_con
+    if envelope is None:
+        plant = problem.plant()
+        result = hinfstruct(plant, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
+    else:
+        family = uncertain_plant(design, problem, envelope)
+        result = robust_hinfstruct(family, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
     # from one block an axis to the order of a law: all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
     return replace(result, controller=_reorder_states(result.controller, first))

@@ -10,6 +10,7 @@ from enum import Enum
 
 import numpy as np
 
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.state_space import Lti, series
 
 Indices = tuple[int, ...] | None
@@ -96,7 +97,7 @@ class RollOffGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StabilityGoal:
-    """All poles of the controller left of `-margin`."""
+    """All poles of the controller left of `-margin`; of a sampled one, of size up to `exp(-margin dt)`."""
 
     name: str = "controller stability"
     """Name, unique among the goals."""
@@ -104,38 +105,86 @@ class StabilityGoal:
     """[1/s] least distance of the controller's poles from the imaginary axis."""
 
 
-Goal = GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal | StabilityGoal
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DecayGoal:
+    """A minimum decay of the closed loop: all its poles decay at least as fast as `exp(-minimum t)`."""
+
+    name: str = "decay"
+    """Name, unique among the goals."""
+    minimum: float
+    """[1/s] least decay: the distance of the poles from the imaginary axis, or `-log|z| / dt` of a sampled loop."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PoleRadiusGoal:
+    """A bound on the size of the closed loop's poles, `|s|` or, of a sampled loop, `|z|`."""
+
+    name: str = "pole radius"
+    """Name, unique among the goals."""
+    limit: float
+    """[rad/s, or - of a sampled loop] largest size of a pole."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ControllerSizeGoal:
+    """A bound on the controller's matrix [A, B; C, D]; of a static one, on the gain K itself."""
+
+    name: str = "|K|"
+    """Name, unique among the goals."""
+    limit: float
+    """[-] largest value."""
+    entries: bool = False
+    """True to bound the size of each entry, False for the largest singular value."""
+
+
+ChannelGoal = GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal
+"""A goal that is a norm of a transfer of the closed loop."""
+Goal = ChannelGoal | StabilityGoal | DecayGoal | PoleRadiusGoal | ControllerSizeGoal
 """Any goal."""
 
 
-def extract_channel(
-    goal: GainGoal | SensitivityGoal | DiskMarginGoal | RollOffGoal, P: Lti, n_meas: int, n_con: int
-) -> tuple[Lti, float]:
+def extract_channel(goal: ChannelGoal, P: Lti, n_meas: int, n_con: int, dt: float = 0.0) -> tuple[Lti, float]:
     """Return the generalised plant of the goal, and the largest value of its closed-loop norm.
+
+    The plant of a loop with the sample time `dt` [s] is given, and returned, by its bilinear transform. A sampled H2
+    norm becomes a continuous one behind a lag: `d theta = dt / (1 + (omega dt / 2)^2) d omega`. The line of a roll-off
+    starts at its corner and falls with the transformed frequency, which is faster.
 
     Raises
     ------
     ValueError
         If a channel does not exist or a limit is not positive.
     """
-    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
-    w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
     if isinstance(goal, GainGoal):
-        inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
-        part = _select_channels(P, [*outputs, *y], [*inputs, *u])
-        weighted = part if goal.weight is None else _apply_weight(part, goal.weight, n_meas)
-        return weighted, _require_positive(goal.name, goal.limit)
+        return _extract_gain(goal, P, n_meas, n_con, dt), require_positive(goal.name, goal.limit)
     if isinstance(goal, RollOffGoal):
         disturbed = _noise_to_control(P, n_meas, n_con)
-        return _apply_weight(disturbed, _roll_off_weight(goal, n_con), n_meas), _require_positive(goal.name, goal.limit)
-    limit = goal.limit if isinstance(goal, SensitivityGoal) else 1.0 / _require_positive(goal.name, goal.minimum)
+        weight = _roll_off_weight(goal, n_con, dt)
+        return _apply_weight(disturbed, weight, n_meas), require_positive(goal.name, goal.limit)
+    limit = goal.limit if isinstance(goal, SensitivityGoal) else 1.0 / require_positive(goal.name, goal.minimum)
     at_input = goal.location is LoopLocation.INPUT
     chosen = _resolve_indices(goal.name, goal.channels, range(n_con if at_input else n_meas))
     broken = (_inject_at_input if at_input else _inject_at_output)(P, n_meas, n_con, chosen)
     D = broken.D.copy()
     if isinstance(goal, DiskMarginGoal):  # the norm of S - I/2 bounds the disk margin
         D[: len(chosen), : len(chosen)] -= 0.5 * np.eye(len(chosen))
-    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), _require_positive(goal.name, limit)
+    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), require_positive(goal.name, limit)
+
+
+def _extract_gain(goal: GainGoal, P: Lti, n_meas: int, n_con: int, dt: float) -> Lti:
+    m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
+    w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
+    inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
+    part = _select_channels(P, [*outputs, *y], [*inputs, *u])
+    if goal.weight is not None:
+        if goal.weight.dt != dt:
+            raise ValueError(f"goal '{goal.name}' has a weight with the sample time {goal.weight.dt} s, not {dt} s")
+        part = _apply_weight(part, bilinear_transform(goal.weight) if dt else goal.weight, n_meas)
+    if dt and goal.measure is NormKind.RMS:
+        one = np.eye(len(outputs))
+        lag = Lti(A=-2.0 / dt * one, B=2.0 / dt * one, C=np.sqrt(dt) * one, D=0.0 * one)
+        part = _apply_weight(part, lag, n_meas)
+    return part
 
 
 def _inject_at_input(P: Lti, n_meas: int, n_con: int, chosen: list[int]) -> Lti:
@@ -175,11 +224,14 @@ def _noise_to_control(P: Lti, n_meas: int, n_con: int) -> Lti:
     )
 
 
-def _roll_off_weight(goal: RollOffGoal, width: int) -> Lti:
+def _roll_off_weight(goal: RollOffGoal, width: int, dt: float) -> Lti:
     """Return `(s / corner)^slope` on each channel, with lags at 1000 times the corner."""
     if goal.slope not in (1, 2) or not goal.corner > 0.0:
         raise ValueError(f"goal '{goal.name}' has slope {goal.slope} and corner {goal.corner}: 1 or 2, and positive")
-    fast, identity = 1e3 * goal.corner, np.eye(width)
+    if dt and not goal.corner * dt < np.pi:
+        raise ValueError(f"goal '{goal.name}' has its corner at {goal.corner:g} rad/s, beyond half the sample rate")
+    corner = 2.0 / dt * np.tan(0.5 * goal.corner * dt) if dt else goal.corner
+    fast, identity = 1e3 * corner, np.eye(width)
     lead = Lti(A=-fast * identity, B=fast * identity, C=-1e3 * identity, D=1e3 * identity)
     return lead if goal.slope == 1 else series(lead, lead)
 
@@ -210,7 +262,8 @@ def _resolve_indices(name: str, indices: Indices, known: range) -> list[int]:
     return list(indices)
 
 
-def _require_positive(name: str, limit: float) -> float:
+def require_positive(name: str, limit: float) -> float:
+    """Return the limit of the goal `name`; raises ValueError if it is not positive."""
     if not (np.isfinite(limit) and limit > 0.0):
         raise ValueError(f"goal '{name}' has the limit {limit!r}, must be positive")
     return limit

@@ -1,14 +1,15 @@
 """Fixed-order, fixed-structure H-infinity synthesis by non-smooth optimisation: `hinfstruct`."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gustproof.errors import DesignError
+from gustproof.lti.bilinear import bilinear_transform, tustin
 from gustproof.lti.norms import Peak, hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, lft
+from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.structured.blocks import Structure, full_structure
 from gustproof.synthesis.structured.goals import GainGoal, Goal
@@ -16,22 +17,28 @@ from gustproof.synthesis.structured.loop import augment_plant, close_loop, loop_
 from gustproof.synthesis.structured.objective import PenaltyFunction, Problem
 from gustproof.synthesis.structured.search import minimize
 
-if TYPE_CHECKING:
-    import control
-
 _BACKOFFS = (1.1, 1.3, 3.0)
 """[-] levels over the least of the central controllers that are reduced to starting points."""
 _STABLE_ABSCISSA = -1e-3
 """[rad/s] spectral abscissa below which a loop is stable enough to start from."""
 _STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
-_PERTURBATION = 0.03
-"""[-] relative size of the random change to all parameters of the best before its search is repeated."""
+_SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
+"""[-] sizes of random starts in turn: the best of several local minima may have small or large parameters."""
+_PERTURBATIONS = (1e-3, 1.0)
+"""[-] least and largest relative size of the random change to the best parameters before its search is repeated."""
+_LUCK = 3
+"""Largest number of restarts as a multiple of those without progress."""
+_SINGULAR = 1e10
+"""[-] condition number of `A + I` beyond which a sampled plant has a pole at z = -1."""
 _PENALTY, _PENALTY_GROWTH, _ROUNDS = 10.0, 10.0, 12
 """Initial penalty factor of a hard goal, its growth where it is too low, and the largest number of rounds."""
 _AGREEMENT = 1e-5
 """[-] relative difference below which the results of two searches agree."""
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which no other follows."""
+
+_BALANCED, _NEAR = ", balanced", ", near it"
+"""Ends of the names of starts in balanced units, and of starts near the best."""
 
 Progress = Callable[[float, str], None]
 """Callback for the fraction done [0..1] and a text on the current work."""
@@ -50,15 +57,12 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StructResult:
-    """A controller of the required structure, its norm, and a record of the search."""
+class StructResult(CheckedController):
+    """A controller of the required structure and a record of its search; states are those of the blocks in order.
 
-    controller: Lti
-    """`u = K y` (positive feedback); its states are those of the blocks in their order."""
-    gamma: float
-    """[-] H-infinity norm from w to z, worst over the models, computed from the closed loops alone."""
-    omega: float
-    """[rad/s] frequency of that norm."""
+    The level `gamma` is the achieved `norm` itself, worst over the models.
+    """
+
     target: float
     """[-] the minimised target: `gamma` unless another soft goal was given."""
     hard_goals: dict[str, float]
@@ -75,21 +79,6 @@ class StructResult:
     """All starts in the order of the search."""
     evaluations: int
     """Number of evaluations of the objective."""
-
-    @property
-    def K(self) -> "control.StateSpace":
-        """The controller for python-control, a copy at each call."""
-        return self.controller.to_control()
-
-    @property
-    def order(self) -> int:
-        """Number of controller states."""
-        return self.controller.order
-
-    @property
-    def norm(self) -> float:
-        """The achieved norm [-], equal to the level."""
-        return self.gamma
 
 
 def hinfstruct(
@@ -118,7 +107,8 @@ def hinfstruct(
     Parameters
     ----------
     P
-        Continuous generalised plant, inputs (w, u), outputs (z, y); or several, of which the worst counts.
+        Generalised plant, inputs (w, u), outputs (z, y); or several, of which the worst counts. All are continuous, or
+        have one sample time: the controller is then sampled too, and its norm that of the sampled loop.
     n_meas, n_con
         Number of measurements y and controls u.
     order
@@ -126,20 +116,21 @@ def hinfstruct(
     structure
         Tunable blocks; if given, `order` is not used.
     starts
-        Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced.
+        Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced. The
+        others are random; they take turns in size, and in units of 1 or those of the plant's balance.
     seed
         Seed of the random starts.
     soft_goal
         Goal to minimise instead of the norm from w to z.
     hard_goals
-        Goals to satisfy.
+        Goals to satisfy, from `gustproof.synthesis.structured.goals`: margins, roll-off, decay, pole radius, |K|.
     progress
         Callback for the fraction done and the best result so far.
 
     Raises
     ------
     ValueError
-        If sizes do not fit, a model is discrete, or an argument is out of range.
+        If sizes or sample times do not fit, a sampled model has a pole at z = -1, or an argument is out of range.
     DesignError
         If no start led to a stable loop that satisfies the hard goals; the text names each start's failure. This does
         not prove that there is no such controller.
@@ -159,46 +150,89 @@ def hinfstruct(
     '0.15, least of any order 0.15'
     """
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
-    structure = full_structure(order, n_meas, n_con) if structure is None else structure
-    _check_sizes(models, structure, n_meas, n_con, starts)
+    structure = full_structure(order, n_meas, n_con, dt=models[0].dt) if structure is None else structure
+    check_sizes(models, structure, n_meas, n_con, starts)
     target = GainGoal() if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
-    objective = problem.objective()
-    gamma_opt, points = _starting_points(models[0], structure, starts, seed)
-    rng = np.random.default_rng([seed, starts])
-    tried, best = _search(problem, objective, points, rng, progress)
-    progress(1.0, "checked")
-    if best is None:
-        failures = "; ".join(f"{start.name}: {start.failure}" for start in tried)
-        raise DesignError(f"no controller of this structure was found in {len(tried)} starts: {failures}")
-    return _make_result(problem, objective, best, tuple(tried), gamma_opt)
+    return search_problem(problem, starts=starts, seed=seed, progress=progress)
 
 
-def _search(
+def search_problem(
     problem: Problem,
-    objective: PenaltyFunction,
-    points: list[tuple[str, Matrix]],
-    rng: np.random.Generator,
-    progress: Progress,
-) -> tuple[list[Start], Matrix | None]:
-    """Return all starts, from `points` and then near the best, and the best parameters; `None` if all failed."""
-    tried: list[Start] = []
-    best: Matrix | None = None
-    for k in range(len(points) + _RESTARTS):
-        winner = min(tried, key=lambda start: start.target, default=None)
-        least = np.inf if winner is None else winner.target
-        if k < len(points):
-            name, theta = points[k]
-        elif winner is not None and best is not None and not _is_confirmed(tried):
-            name, theta = f"{winner.name}, perturbed", _perturb(objective, best, rng)
-        else:
-            break
-        progress(k / (len(points) + _RESTARTS), f"{name}; best so far {least:.5g}")
-        start, theta = _descend(problem, objective, name, theta)
-        tried.append(start)
-        if start.target < least:
-            best = theta
-    return tried, best
+    *,
+    starts: int,
+    seed: int,
+    near: Matrix | None = None,
+    progress: Progress = lambda _fraction, _text: None,
+) -> StructResult:
+    """Return the best controller from `starts` starts, or from the parameters `near` (size,) alone.
+
+    Raises
+    ------
+    DesignError
+        If no start led to a stable loop that satisfies the hard goals.
+    """
+    gamma_opt, points = _starting_points(problem, starts, seed)
+    if near is not None:
+        points = [("design before", near)]
+    search = _Search(problem, np.random.default_rng([seed, starts]))
+    search.run(points, progress)
+    progress(1.0, "checked")
+    if search.best is None:
+        failures = "; ".join(f"{start.name}: {start.failure}" for start in search.tried)
+        raise DesignError(f"no controller of this structure was found in {len(search.tried)} starts: {failures}")
+    return search.result(gamma_opt)
+
+
+class _Search:
+    """All starts of one problem in two metrics, and the best parameters found."""
+
+    def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
+        # steepest descent depends on the units of the parameters; where one choice creeps, the other may run
+        balanced = replace(problem, unit=problem.balanced_unit())
+        self._metrics = tuple((each, each.objective()) for each in (problem, balanced))
+        self._rng = rng
+        self.tried: list[Start] = []
+        self.best: Matrix | None = None
+
+    @property
+    def least(self) -> float:
+        """The least target so far; infinite if all failed."""
+        return min((start.target for start in self.tried), default=np.inf)
+
+    def run(self, points: list[tuple[str, Matrix]], progress: Progress) -> None:
+        """Search from each of `points`, then near the best until two agree or that helps no longer."""
+        limit = _RESTARTS * len(points)
+        for k, (name, theta) in enumerate(points):
+            progress(k / (len(points) + limit), f"{name}; best so far {self.least:.5g}")
+            self._start(name, theta, balanced=name.endswith(_BALANCED))
+        failed = 0
+        for k in range(_LUCK * limit):
+            if failed == limit or self.best is None or _is_confirmed(self.tried):
+                break
+            winner, before = min(self.tried, key=lambda start: start.target), self.least
+            progress((len(points) + failed) / (len(points) + limit), f"near {winner.name}; best so far {before:.5g}")
+            theta = _perturb(self._metrics[0][1], self.best, self._rng)
+            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", theta, balanced=k % 2 == 1)
+            failed += self.least > (1.0 - _ROUND_GAIN) * before
+
+    def _start(self, name: str, theta: Matrix, *, balanced: bool) -> None:
+        problem, objective = self._metrics[balanced]
+        unit = 1.0 if problem.unit is None else problem.unit
+        before = self.least
+        start, scaled = _descend(problem, objective, name, theta / unit)
+        self.tried.append(start)
+        if start.target < before:
+            self.best = scaled * unit
+
+    def result(self, gamma_opt: float | None) -> StructResult:
+        """Return the best, checked."""
+        assert self.best is not None
+        problem, objective = self._metrics[0]
+        evaluations = sum(each.evaluations for _, each in self._metrics)
+        return replace(
+            _make_result(problem, objective, self.best, tuple(self.tried), gamma_opt), evaluations=evaluations
+        )
 
 
 def _is_confirmed(tried: list[Start]) -> bool:
@@ -207,38 +241,43 @@ def _is_confirmed(tried: list[Start]) -> bool:
     return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
 
 
-def _check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+def check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
+    """Check that plants, structure and arguments fit; raises ValueError if not."""
     if starts < 1:
         raise ValueError(f"starts is {starts}, must be at least 1")
     if (structure.n_meas, structure.n_con) != (n_meas, n_con):
         raise ValueError(f"the structure is {structure.n_con} x {structure.n_meas}, K must be {n_con} x {n_meas}")
     for model in models:
-        if model.dt:
-            raise ValueError("P must be continuous")
+        if model.dt != structure.dt:
+            raise ValueError(f"P has the sample time {model.dt} s, the structure {structure.dt} s (0: continuous)")
+        if model.dt and np.linalg.cond(model.A + np.eye(model.order)) > _SINGULAR:
+            raise ValueError("P has a pole at z = -1, where the bilinear transformation is singular")
         if min(n_meas, n_con, model.n_outputs - n_meas, model.n_inputs - n_con) < 1:
             size = f"{model.n_outputs} x {model.n_inputs}"
             raise ValueError(f"P is {size}: n_meas = {n_meas} and n_con = {n_con} leave no w, z, u or y")
 
 
-def _starting_points(
-    model: Lti, structure: Structure, starts: int, seed: int
-) -> tuple[float | None, list[tuple[str, Matrix]]]:
-    """Return hinfsyn's least level of the model, if any, and named parameters to start from."""
+def _starting_points(problem: Problem, starts: int, seed: int) -> tuple[float | None, list[tuple[str, Matrix]]]:
+    """Return hinfsyn's least level of the first model, if any, and named parameters to start from."""
+    model, structure = problem.models[0], problem.structure
     n_meas, n_con = structure.n_meas, structure.n_con
     found: list[tuple[str, Matrix]] = []
     gamma_opt = None
     try:
         for backoff in _BACKOFFS:
-            central = hinfsyn(model, n_meas, n_con, backoff=backoff)
+            central = hinfsyn(bilinear_transform(model) if model.dt else model, n_meas, n_con, backoff=backoff)
             gamma_opt = central.gamma_opt
-            theta = structure.fit(central.controller) if structure.order else None
+            K = tustin(central.controller, model.dt) if model.dt else central.controller
+            theta = structure.fit(K) if structure.order else None
             if theta is not None:
                 found.append((f"central {backoff:g}", theta))
     except (DesignError, ValueError):  # not solvable, or a plant without states: random starts only
         pass
     found = found[:starts]
+    unit = problem.balanced_unit()
     for k in range(starts - len(found)):
-        found.append((f"random {k + 1}", structure.draw(np.random.default_rng([seed, k]))))
+        theta = _SIZES[k // 2 % len(_SIZES)] * structure.draw(np.random.default_rng([seed, k]))
+        found.append((f"random {k + 1}{_BALANCED}", unit * theta) if k % 2 else (f"random {k + 1}", theta))
     return gamma_opt, found
 
 
@@ -251,8 +290,7 @@ def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Mat
     ):
         return Start(name=name, target=np.inf, failure=f"unstable, abscissa {stable.value:.3g}"), theta
     if problem.hard_goals:
-        theta = _find_minimum(objective.use_penalty(np.inf), theta, stop_below=0.0)
-        _, hard = objective.goal_values(theta)
+        theta, hard = _satisfy(objective, theta)
         if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in hard.items() if not value <= 1.0]:
             return Start(name=name, target=np.inf, failure=", ".join(wrong)), theta
         theta = _trade_off(objective, theta)
@@ -263,6 +301,22 @@ def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Mat
     return Start(name=name, target=target, failure=failure), theta
 
 
+def _satisfy(objective: PenaltyFunction, theta: Matrix) -> tuple[Matrix, dict[str, float]]:
+    """Return parameters that satisfy the hard goals, if found near `theta`, and the goals' values.
+
+    Poles that meet have no gradient. A search that ends at them continues beside them.
+    """
+    rng = np.random.default_rng(theta.size)
+    for _ in range(_RESTARTS + 1):
+        theta = _find_minimum(objective.use_penalty(np.inf), theta, stop_below=0.0)
+        _, hard = objective.goal_values(theta)
+        if max(hard.values(), default=0.0) <= 1.0:
+            break
+        theta = _perturb(objective, theta, rng)
+    _, hard = objective.goal_values(theta)
+    return theta, hard
+
+
 def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: float = -np.inf) -> Matrix:
     """Return a local minimum near `theta`, or `theta` where the function is infinite."""
     if not np.isfinite(objective.value(theta)):
@@ -271,8 +325,9 @@ def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: floa
 
 
 def _perturb(objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:
-    """Return parameters slightly off `theta` with stable loops: a search that stopped on a crease continues off it."""
-    for size in _PERTURBATION * 0.5 ** np.arange(12):
+    """Return parameters off `theta` with stable loops: a search that stopped on a crease continues off it."""
+    least, largest = np.log(_PERTURBATIONS)
+    for size in np.exp(rng.uniform(least, largest)) * 0.5 ** np.arange(12):
         perturbed = theta * (1.0 + size * rng.normal(size=theta.size))
         if np.isfinite(objective.value(perturbed)):
             return np.asarray(perturbed)
@@ -292,7 +347,7 @@ def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
             function = objective.use_minimax(least) if minimax else objective.use_penalty(least, penalty)
             theta = minimize(function, best, steps=_STEPS).theta
             target, hard = objective.goal_values(theta)
-            if max(hard.values()) > 1.0:
+            if max(hard.values(), default=0.0) > 1.0:
                 penalty *= _PENALTY_GROWTH
             elif target < least:
                 best, least = theta, target
@@ -303,8 +358,10 @@ def _trade_off(objective: PenaltyFunction, theta: Matrix) -> Matrix:
 
 
 def _loop_peak(model: Lti, K: Lti) -> Peak:
-    loop = augment_plant(model, K.n_inputs, K.n_outputs, K.order)
-    return loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    P = bilinear_transform(model) if model.dt else model
+    loop = augment_plant(P, K.n_inputs, K.n_outputs, K.order, model.dt)
+    peak = loop_peak(close_loop(loop, np.block([[K.A, K.B], [K.C, K.D]])), [])
+    return replace(peak, omega=2.0 / K.dt * float(np.arctan(0.5 * peak.omega * K.dt))) if K.dt else peak
 
 
 def _make_result(
@@ -321,7 +378,9 @@ def _make_result(
     return StructResult(
         controller=K,
         gamma=top.gain,
+        norm=top.gain,
         omega=top.omega,
+        checks=_checks(problem, top, hard),
         target=target,
         hard_goals=hard,
         gamma_opt=gamma_opt,
@@ -331,3 +390,11 @@ def _make_result(
         starts=tried,
         evaluations=objective.evaluations,
     )
+
+
+def _checks(problem: Problem, top: Peak, hard: dict[str, float]) -> tuple[str, ...]:
+    """Return what the closed loops show, a sentence each."""
+    count = len(problem.models)
+    loops = "The closed loop is" if count == 1 else f"All {count} closed loops are"
+    kept = [f"Goal '{name}' is at {value:.4g} of its limit." for name, value in hard.items()]
+    return (f"{loops} stable, of norm {top.gain:.6g} at most, up to rounding.", *kept)

@@ -2,6 +2,9 @@
 
 A controller of order n is the static gain `M = [A, B; C, D]` of the plant augmented by n integrators. All results are
 functions of M; gradients are analytic, (rows of M, columns of M).
+
+A sampled loop is treated by its bilinear transform `z = (1 + s dt/2) / (1 - s dt/2)`, exactly: the controller's delays
+become `1/z`, so M keeps its numbers. The transform keeps stability and H-infinity norms.
 """
 
 from dataclasses import dataclass
@@ -59,20 +62,25 @@ class AugmentedPlant:
     """(c, r)."""
 
 
-def augment_plant(P: Lti, n_meas: int, n_con: int, order: int) -> AugmentedPlant:
-    """Return `P`, its last outputs and inputs being measurements and controls, augmented by `order` integrators."""
+def augment_plant(P: Lti, n_meas: int, n_con: int, order: int, dt: float = 0.0) -> AugmentedPlant:
+    """Return `P`, its last outputs and inputs being measurements and controls, augmented by `order` integrators.
+
+    With a sample time `dt` [s], `P` is the bilinear transform of a sampled plant, and each integrator is that of a
+    delay: `1/z = 2 / (1 + s dt/2) - 1`.
+    """
     m1, p1, k = P.n_inputs - n_con, P.n_outputs - n_meas, order
     identity = np.eye(k)
+    pole, output, feedthrough = (-2.0 / dt, 4.0 / dt, -1.0) if dt else (0.0, 1.0, 0.0)
     return AugmentedPlant(
-        A=scipy.linalg.block_diag(P.A, np.zeros((k, k))),
+        A=scipy.linalg.block_diag(P.A, pole * identity),
         B1=np.vstack([P.B[:, :m1], np.zeros((k, m1))]),
         B2=np.block([[np.zeros((P.order, k)), P.B[:, m1:]], [identity, np.zeros((k, n_con))]]),
         C1=np.hstack([P.C[:p1], np.zeros((p1, k))]),
-        C2=np.block([[np.zeros((k, P.order)), identity], [P.C[p1:], np.zeros((n_meas, k))]]),
+        C2=np.block([[np.zeros((k, P.order)), output * identity], [P.C[p1:], np.zeros((n_meas, k))]]),
         D11=P.D[:p1, :m1],
         D12=np.hstack([np.zeros((p1, k)), P.D[:p1, m1:]]),
         D21=np.vstack([np.zeros((k, m1)), P.D[p1:, :m1]]),
-        D22=scipy.linalg.block_diag(np.zeros((k, k)), P.D[p1:, m1:]),
+        D22=scipy.linalg.block_diag(feedthrough * identity, P.D[p1:, m1:]),
     )
 
 
@@ -126,15 +134,47 @@ def abscissa(A: Matrix) -> float:
     return float(np.max(np.linalg.eigvals(A).real)) if np.all(np.isfinite(A)) else np.inf
 
 
-def abscissa_slopes(A: Matrix, B2: Matrix, C2: Matrix, near: float) -> list[Slope]:
-    """Return a branch for each eigenvalue of A with a real part within `near` [rad/s] of the largest."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoleMeasure:
+    """A real function of a pole: its growth [1/s] or its size [rad/s, or - of a sampled loop]."""
+
+    dt: float = 0.0
+    """[s] sample time; 0 if continuous."""
+    transformed: bool = False
+    """True if the poles are those of the bilinear transform of a sampled loop."""
+    size: bool = False
+    """True for the size, False for the growth: the real part, or `log|z| / dt` of a sampled loop."""
+
+    def of(self, values: ComplexMatrix) -> tuple[Matrix, ComplexMatrix]:
+        """Return the measure f of eigenvalues `values`, and g with `df = Re(g d value)`."""
+        poles, rate = values, np.ones_like(values)
+        if self.transformed:
+            half = 0.5 * self.dt
+            poles, rate = (1.0 + half * values) / (1.0 - half * values), 2.0 * half / (1.0 - half * values) ** 2
+        size = np.maximum(np.abs(poles), 1e-300)
+        if self.size:
+            return np.abs(poles), poles.conj() / size * rate
+        if self.dt:
+            return np.log(size) / self.dt, poles.conj() / size**2 * rate / self.dt
+        return poles.real, rate
+
+    def largest(self, A: Matrix) -> float:
+        """Return the largest measure of an eigenvalue; infinite if `A` is not finite."""
+        if not np.all(np.isfinite(A)):
+            return np.inf
+        return float(np.max(self.of(np.linalg.eigvals(A).astype(np.complex128))[0], initial=-np.inf))
+
+
+def pole_slopes(A: Matrix, B2: Matrix, C2: Matrix, measure: PoleMeasure, near: float) -> list[Slope]:
+    """Return a branch for each eigenvalue of A with a measure within `near` of the largest."""
     values, right = np.linalg.eig(A)
     if np.linalg.cond(right) > 1e12:  # a defective eigenvalue has no derivative
         return []
     left = np.linalg.inv(right)
+    found, rate = measure.of(values.astype(np.complex128))
     slopes = [
-        Slope(float(values[k].real), np.outer(left[k] @ B2, C2 @ right[:, k]).real)
-        for k in np.nonzero((values.real >= np.max(values.real) - near) & (values.imag >= 0.0))[0]
+        Slope(float(found[k]), (rate[k] * np.outer(left[k] @ B2, C2 @ right[:, k])).real)
+        for k in np.nonzero((found >= np.max(found) - near) & (values.imag >= 0.0))[0]
     ]
     return sorted(slopes, key=lambda slope: -slope.value)
 

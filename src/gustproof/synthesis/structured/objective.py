@@ -5,22 +5,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gustproof.lti.bilinear import bilinear_transform
 from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.synthesis.structured.blocks import Structure
-from gustproof.synthesis.structured.goals import GainGoal, Goal, NormKind, StabilityGoal, extract_channel
+from gustproof.synthesis.structured.goals import (
+    ChannelGoal,
+    ControllerSizeGoal,
+    DecayGoal,
+    GainGoal,
+    Goal,
+    NormKind,
+    PoleRadiusGoal,
+    StabilityGoal,
+    extract_channel,
+    require_positive,
+)
 from gustproof.synthesis.structured.loop import (
     AugmentedPlant,
     ClosedLoop,
+    PoleMeasure,
     Slope,
-    abscissa,
-    abscissa_slopes,
     augment_plant,
     close_loop,
     h2_slope,
     loop_h2_norm,
     loop_peak,
     peak_slopes,
+    pole_slopes,
 )
 from gustproof.synthesis.structured.search import Branch
 
@@ -60,26 +72,57 @@ class NormCriterion:
 
 
 class PoleCriterion:
-    """One plus the controller's spectral abscissa plus a margin [1/s]: at most 1 if the goal is satisfied."""
+    """The largest measure of a pole of a matrix `A + B2 M C2`, scaled: at most 1 if the goal is satisfied."""
 
-    def __init__(self, goal: StabilityGoal, order: int) -> None:
-        self.goal, self._order = goal, order
+    def __init__(self, goal: Goal, plant: AugmentedPlant, measure: PoleMeasure, *, offset: float, scale: float) -> None:
+        self.goal, self._plant, self._measure, self._offset, self._scale = goal, plant, measure, offset, scale
+        self._loop: ClosedLoop | None = None
+        self.last = np.inf
+
+    def value(self, M: Matrix) -> float:
+        """Return `offset + measure / scale` at the controller `M`; infinite if the loop is not well posed."""
+        self._loop = close_loop(self._plant, M)
+        self.last = self._offset + self._measure.largest(self._loop.A) / self._scale
+        return self.last
+
+    def slopes(self, near: float) -> list[Slope]:
+        """Return the branches of the last value within `near` of it."""
+        assert self._loop is not None
+        if not np.isfinite(self.last):
+            return []
+        found = pole_slopes(self._loop.A, self._loop.B2, self._loop.C2, self._measure, near * self._scale)
+        return [Slope(self._offset + slope.value / self._scale, slope.gradient / self._scale) for slope in found]
+
+
+class SizeCriterion:
+    """The size of the controller's matrix M over its limit: its largest singular value, or its largest entry."""
+
+    def __init__(self, goal: ControllerSizeGoal) -> None:
+        self.goal, self._limit = goal, require_positive(goal.name, goal.limit)
         self._M: Matrix = np.zeros((0, 0))
         self.last = np.inf
 
     def value(self, M: Matrix) -> float:
-        """Return `1 + abscissa + margin` at the controller `M`."""
+        """Return the size over its limit at the controller `M`."""
         self._M = M
-        n = self._order
-        self.last = 1.0 + abscissa(M[:n, :n]) + self.goal.margin if n else 0.0
+        self.last = float(np.max(np.abs(M)) if self.goal.entries else np.linalg.norm(M, 2)) / self._limit
         return self.last
 
     def slopes(self, near: float) -> list[Slope]:
-        """Return the branches of the last value."""
-        n = self._order
-        rows, columns = np.eye(n, self._M.shape[0]), np.eye(self._M.shape[1], n)
-        found = abscissa_slopes(self._M[:n, :n], rows, columns, near) if n else []
-        return [Slope(1.0 + slope.value + self.goal.margin, slope.gradient) for slope in found]
+        """Return the branches of the last value within the fraction `near` of it."""
+        if self.goal.entries:
+            sizes, kept = np.abs(self._M).ravel(), np.sign(self._M).ravel()
+            gradients = [kept[k] * np.eye(kept.size)[k].reshape(self._M.shape) for k in range(kept.size)]
+        else:
+            U, sizes, Vh = np.linalg.svd(self._M)
+            gradients = [np.outer(U[:, k], Vh[k]) for k in range(sizes.size)]
+        least = (1.0 - near) * np.max(sizes)
+        slopes = [
+            Slope(float(size) / self._limit, gradient / self._limit)
+            for size, gradient in zip(sizes, gradients, strict=True)
+            if size >= least
+        ]
+        return sorted(slopes, key=lambda slope: -slope.value)
 
 
 class PenaltyFunction:
@@ -89,9 +132,11 @@ class PenaltyFunction:
     goals. With an infinite scale only the hard goals count; this finds parameters that satisfy them.
     """
 
-    def __init__(self, structure: Structure, target: "list[NormCriterion]", hard_goals: "list[Criterion]") -> None:
+    def __init__(
+        self, basis: tuple[Matrix, Matrix], target: "list[NormCriterion]", hard_goals: "list[Criterion]"
+    ) -> None:
         self.target, self.hard_goals, self.scale, self.penalty, self.evaluations = target, hard_goals, 1.0, 1.0, 0
-        self._offset, self._basis = structure.basis()
+        self._offset, self._basis = basis
         self._theta: Matrix | None = None
         self._minimax = False
         self._targets: list[float] = []
@@ -169,28 +214,31 @@ def _keep_nearest(branches: list[Branch], top: float, near: float) -> list[Branc
     return branches[:1] if near == 0.0 else [branch for branch in branches if branch.value >= (1.0 - near) * top]
 
 
-Criterion = NormCriterion | PoleCriterion
+Criterion = NormCriterion | PoleCriterion | SizeCriterion
 """One goal on one model."""
 
 
 class Stability:
-    """The largest spectral abscissa [rad/s] of the closed loops of all models."""
+    """The largest growth [1/s] of a pole of the closed loops of all models; of continuous ones their abscissa."""
 
-    def __init__(self, structure: Structure, plants: list[AugmentedPlant]) -> None:
+    def __init__(self, basis: tuple[Matrix, Matrix], plants: list[AugmentedPlant], dt: float) -> None:
         self._plants = plants
-        self._offset, self._basis = structure.basis()
+        self._measure = PoleMeasure(dt=dt, transformed=dt > 0.0)
+        self._offset, self._basis = basis
 
     def value(self, theta: Matrix) -> float:
         """Return the value."""
         M = self._offset + np.tensordot(theta, self._basis, axes=1)
-        return max(abscissa(close_loop(plant, M).A) for plant in self._plants)
+        return max(self._measure.largest(close_loop(plant, M).A) for plant in self._plants)
 
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
-        """Return the branch of the rightmost eigenvalue; `near` is not used."""
+        """Return the branch of the fastest growing pole; `near` is not used."""
         M = self._offset + np.tensordot(theta, self._basis, axes=1)
         loops = [close_loop(plant, M) for plant in self._plants]
-        worst = max(loops, key=lambda loop: abscissa(loop.A))
-        slopes = abscissa_slopes(worst.A, worst.B2, worst.C2, 0.0)[:1]
+        worst = max(loops, key=lambda loop: self._measure.largest(loop.A))
+        if not np.all(np.isfinite(worst.A)):
+            return []
+        slopes = pole_slopes(worst.A, worst.B2, worst.C2, self._measure, 0.0)[:1]
         return [Branch(slope.value, np.tensordot(self._basis, slope.gradient, axes=2)) for slope in slopes]
 
 
@@ -199,35 +247,87 @@ class Problem:
     """A structured design problem."""
 
     models: tuple[Lti, ...]
-    """Generalised plants; the worst counts."""
+    """Generalised plants, all continuous or all sampled like the structure; the worst counts."""
     structure: Structure
     """Structure of the controller."""
     target: GainGoal
     """Goal to minimise."""
     hard_goals: tuple[Goal, ...]
     """Goals to satisfy."""
+    unit: Matrix | None = None
+    """(size,) unit of each parameter: theta of a search times it is that of the structure; `None` for 1."""
+
+    def balanced_unit(self) -> Matrix:
+        """Return (size,) the parameters that act on the first model with the strength of one unit.
+
+        The unit of an entry of [A, B; C, D] is that of its control, `1 / |B_u|`, times that of its measurement,
+        `1 / |C_y|`. The units of the controller's own states are 1.
+        """
+        model, shape = self._continuous_models()[0], self.structure
+        controls = np.linalg.norm(model.B[:, model.n_inputs - shape.n_con :], axis=0)
+        measurements = np.linalg.norm(model.C[model.n_outputs - shape.n_meas :], axis=1)
+        rows, columns = np.ones(shape.order + shape.n_con), np.ones(shape.order + shape.n_meas)
+        rows[shape.order :] = 1.0 / np.where(controls > 0.0, controls, 1.0)
+        columns[shape.order :] = 1.0 / np.where(measurements > 0.0, measurements, 1.0)
+        share = np.abs(shape.basis()[1])
+        units = np.tensordot(share, np.log(np.outer(rows, columns)), axes=2) / np.sum(share, axis=(1, 2))
+        return np.asarray(np.exp(units))
+
+    def _basis(self) -> tuple[Matrix, Matrix]:
+        offset, basis = self.structure.basis()
+        return offset, basis if self.unit is None else self.unit[:, None, None] * basis
 
     def objective(self) -> PenaltyFunction:
         """Return the function to minimise."""
-        target = [_norm_criterion(self.target, model, self.structure) for model in self.models]
-        hard: list[Criterion] = []
-        for goal in self.hard_goals:
-            if isinstance(goal, StabilityGoal):
-                hard.append(PoleCriterion(goal, self.structure.order))
-            else:
-                hard += [_norm_criterion(goal, model, self.structure) for model in self.models]
-        return PenaltyFunction(self.structure, target, hard)
+        target = [self._norm_criterion(self.target, model) for model in self._continuous_models()]
+        hard = [criterion for goal in self.hard_goals for criterion in self._criteria(goal)]
+        return PenaltyFunction(self._basis(), target, hard)
 
     def stability(self) -> Stability:
         """Return the function that is negative if all closed loops are stable."""
-        return Stability(self.structure, [self._augment(model) for model in self.models])
+        plants = [self._augment(model) for model in self._continuous_models()]
+        return Stability(self._basis(), plants, self.structure.dt)
+
+    def _continuous_models(self) -> list[Lti]:
+        return [bilinear_transform(model) if model.dt else model for model in self.models]
 
     def _augment(self, model: Lti) -> AugmentedPlant:
-        return augment_plant(model, self.structure.n_meas, self.structure.n_con, self.structure.order)
+        shape = self.structure
+        return augment_plant(model, shape.n_meas, shape.n_con, shape.order, shape.dt)
+
+    def _criteria(self, goal: Goal) -> "list[Criterion]":
+        """Return the goal's criteria, one for each model or one of the controller alone."""
+        dt = self.structure.dt
+        if isinstance(goal, ControllerSizeGoal):
+            return [SizeCriterion(goal)]
+        if isinstance(goal, StabilityGoal):
+            if not self.structure.order:
+                return []
+            alone = _controller_alone(self.structure)
+            return [PoleCriterion(goal, alone, PoleMeasure(dt=dt), offset=1.0 + goal.margin, scale=1.0)]
+        if isinstance(goal, DecayGoal | PoleRadiusGoal):
+            sized = isinstance(goal, PoleRadiusGoal)
+            scale = require_positive(goal.name, goal.limit if isinstance(goal, PoleRadiusGoal) else goal.minimum)
+            measure = PoleMeasure(dt=dt, transformed=dt > 0.0, size=sized)
+            offset = 0.0 if sized else 2.0  # a growth of -minimum has the value 1
+            return [
+                PoleCriterion(goal, self._augment(model), measure, offset=offset, scale=scale)
+                for model in self._continuous_models()
+            ]
+        return [self._norm_criterion(goal, model) for model in self._continuous_models()]
+
+    def _norm_criterion(self, goal: ChannelGoal, model: Lti) -> NormCriterion:
+        P, limit = extract_channel(goal, model, self.structure.n_meas, self.structure.n_con, self.structure.dt)
+        measure = goal.measure if isinstance(goal, GainGoal) else NormKind.PEAK
+        return NormCriterion(goal, self._augment(P), limit, measure)
 
 
-def _norm_criterion(goal: Goal, model: Lti, structure: Structure) -> NormCriterion:
-    assert not isinstance(goal, StabilityGoal)
-    P, limit = extract_channel(goal, model, structure.n_meas, structure.n_con)
-    measure = goal.measure if isinstance(goal, GainGoal) else NormKind.PEAK
-    return NormCriterion(goal, augment_plant(P, structure.n_meas, structure.n_con, structure.order), limit, measure)
+def _controller_alone(structure: Structure) -> AugmentedPlant:
+    """Return the loop whose poles are the controller's own: its integrators, or delays, and no plant."""
+    nothing = Lti(
+        A=np.zeros((0, 0)),
+        B=np.zeros((0, structure.n_con)),
+        C=np.zeros((structure.n_meas, 0)),
+        D=np.zeros((structure.n_meas, structure.n_con)),
+    )
+    return augment_plant(nothing, structure.n_meas, structure.n_con, structure.order)

@@ -100,7 +100,7 @@ def _bfgs(
             break
         gradient = _combine_gradients(branches, W)
         direction = -W @ gradient
-        found = _weak_wolfe(function, theta, value, direction, gradient)
+        found = _weak_wolfe(function, theta, value, direction, gradient, stop_below)
         if found is None:
             if fresh:
                 break
@@ -119,9 +119,12 @@ def _bfgs(
 
 
 def _weak_wolfe(
-    function: Function, theta: Matrix, value: float, direction: Matrix, gradient: Matrix
+    function: Function, theta: Matrix, value: float, direction: Matrix, gradient: Matrix, stop_below: float
 ) -> tuple[float, float] | None:
-    """Return a step length and the value there, or `None` if none lowers the function enough."""
+    """Return a step length and the value there, or `None` if none lowers the function enough.
+
+    A value at `stop_below` ends it: a growth that falls for ever must not carry the parameters away.
+    """
     slope = float(gradient @ direction)
     if not slope < 0.0:
         return None
@@ -134,6 +137,8 @@ def _weak_wolfe(
             high = length
         else:
             best = (length, reached)
+            if reached <= stop_below:
+                return best
             branches = function.branches(trial, 0.0)
             if not branches or float(branches[0].gradient @ direction) >= _WOLFE * slope:
                 return best

@@ -216,7 +216,7 @@ def test_what_is_wrong_is_told_in_words_of_toml(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_scenario(path)
     assert str(caught.value).removeprefix(f"{path}: ").split("; ") == [
-        "wind: input should be a valid list (given 3)",
-        "gyro: input should be a table (given 4)",
-        "link.0: input should be a table (given 5)",
+        "line 3, wind: input should be a valid list (given 3)",
+        "line 4, gyro: input should be a table (given 4)",
+        "line 5, link.0: input should be a table (given 5)",
     ]

@@ -118,8 +118,8 @@ def test_signs_by_hand_in_px4s_order_of_rotors():
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        ({"spin": (1, 1, 1, 1)}, "each torque"),
-        ({"spin": (1, -1, 1, -1)}, "each torque"),  # both front ones turn left: yaw is pitch then
+        ({"spin": (1, 1, 1, 1)}, "independently: check spin"),
+        ({"spin": (1, -1, 1, -1)}, "independently: check spin"),  # both front ones turn left: yaw is pitch then
         ({"spin": (1, 1, -1)}, "3 of them, for 4 rotors"),
         ({"spin": (1, 1, -1, -1, 1)}, "5 of them, for 4 rotors"),
         ({"position_B": HUBS[:3], "spin": (1, -1, 1)}, "at least 4"),

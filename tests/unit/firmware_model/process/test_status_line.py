@@ -29,7 +29,7 @@ PACE = {"missed": 1, "held": 0, "late_p50_us": 5, "late_p99_us": 80, "late_worst
 
 
 def test_ending_is_one_line_where_nothing_happened():
-    assert status_line.format_summary(FACTS) == "interrupted: 9862 samples in 39.4 s, 1.00 times real time"
+    assert status_line.format_summary(FACTS) == "interrupted: 9862 samples in 39.4 s, speed 1.00x real time"
 
 
 def test_ending_has_a_line_for_each_thing_that_happened():
@@ -39,7 +39,7 @@ def test_ending_has_a_line_for_each_thing_that_happened():
         "counters": {"held": 3, "stale": 5}, "link_faults": {"to_controller": {"lost": 2}, "to_vehicle": {}},
     }  # fmt: skip
     assert status_line.format_summary(facts).splitlines() == [
-        "stream lost: 9862 of 10000 samples in 39.4 s, 1.00 times real time",
+        "stream lost: 9862 of 10000 samples in 39.4 s, speed 1.00x real time",
         "  deadlines          1 missed; late by 5 us (median), 80 us (99 %), 4461 us (worst), with FIFO scheduling",
         "  slipped            0.250 s of wall time",
         "  counted            held 3, stale 5",

@@ -182,7 +182,7 @@ def test_every_command_is_acknowledged(vehicle, command, params, result):
 def test_refusal_is_explained(vehicle):
     vehicle.ask(MODE, 1.0, 6.0)
     (text,) = vehicle.take("STATUSTEXT")
-    assert "OFFBOARD refused" in text.text
+    assert "OFFBOARD rejected" in text.text
 
 
 @pytest.mark.parametrize(("system", "component"), [(9, 1), (1, 190)])
@@ -472,7 +472,7 @@ def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     assert vehicle.endpoint.outcome is VehicleOutcome.STREAM_LOST
     assert vehicle.modes.count(Mode.OFFBOARD.value) == 250  # one second, COM_OF_LOSS_T
     assert vehicle.modes[-1] == Mode.STABILIZED.value
-    assert any("fail-safe" in message.text for message in vehicle.take("STATUSTEXT"))
+    assert any("failsafe" in message.text for message in vehicle.take("STATUSTEXT"))
     assert vehicle.take("HEARTBEAT")[-1].base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED == 0
 
 

@@ -113,3 +113,13 @@ def test_a_rotor_has_a_chart_with_the_runs_whose_vehicles_have_it(recorded):
     assert [len(chart.curves) for chart in group.charts] == [1, 1, 1, 1, 1, 1, 1, 1]
     assert group.charts[0].curves[0].label == "all runs"
     assert np.array_equal(group.charts[7].curves[0].y, thrusts[:, 7])
+
+
+def test_a_chart_without_a_curve_is_left_out(recorded):
+    gust, asked = noise(1), noise(2)
+    gust[:, [0, 2]], asked[:, 1] = 0.0, np.nan  # from the side alone; no pitch rate
+    runs = read_runs([recorded("run", n=N, gust_B=gust, omega_command_B=asked)])
+    groups = {group.title: [chart.title for chart in group.charts] for group in (*time_histories(runs), *spectra(runs))}
+    assert groups["Spectrum: gust"] == ["right v [(m/s)²/(rad/s)]"]
+    assert groups["Commanded rates"] == ["p [rad/s]", "r [rad/s]"]
+    assert groups["Gust, blowing toward"] == ["forward u [m/s]", "right v [m/s]", "down w [m/s]"]

@@ -10,8 +10,9 @@ import pytest
 
 from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.report.html.page import render_page
+from gustproof.report.html.page import NumberBlock, render_page
 from gustproof.report.html.runs import read_runs
+from gustproof.report.html.tables import render_tiles
 
 
 @pytest.fixture
@@ -96,3 +97,49 @@ def test_another_vehicles_law_is_named(runs):
 
 def test_the_page_names_the_licence_of_what_it_carries(runs):
     assert "Copyright (c) 2022 Leon Sorokin" in render_page(runs)
+
+
+def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recorded):
+    turned = [np.array([np.cos(angle), np.sin(angle), 0.0, 0.0]) for angle in (0.01, 0.03)]
+    runs = read_runs(
+        [recorded(name, law=name, q_NB=q) for name, q in zip(("pid-fair", "hinf-d1"), turned, strict=True)]
+    )
+    tiles = render_tiles(runs)
+    assert re.findall(r"<li class='best'>.*?</i>(.*?)</span><b>(.*?)</b>", tiles) == [
+        ("pid-fair", "0.662"),
+        ("pid-fair", "1.15"),
+    ]
+    assert re.findall(r"<small>(×.*?)</small>", tiles) == ["× 3", "× 3"]
+    alone = render_tiles([runs[0], replace(runs[1], seed=2)])
+    assert "class='best'" not in alone
+    assert "×" not in alone
+
+
+def test_gusts_and_events_are_bands_and_requirements_lines(recorded):
+    require = (Requirement(metric="peak_deg", axis="roll", from_s=0.5, at_most=3.0),)
+    wave = np.random.default_rng(1).standard_normal((1000, 3))
+    (run,) = read_runs([recorded("run", scenario="gust-roll", n=1000, require=require, torque_command_B=wave)])
+    document = json.loads(script(render_page([run]), "page-data"))
+    assert document["bands"] == [{"from": 2.0, "to": 2.6, "kind": "gust", "text": "gust one minus cosine"}]
+    groups = {group["title"]: group["charts"] for group in document["sections"]["time"]}
+    limits = [(mark["y"], mark["x"]) for mark in groups["Commanded torque"][2]["marks"]]
+    assert limits == [(run.vehicle.torque_limit[2], None), (-run.vehicle.torque_limit[2], None)]
+    turned = np.array([np.cos(0.1), np.sin(0.1), 0.0, 0.0])
+    rolled = np.where(np.arange(1000)[:, None] < 500, turned, [1.0, 0.0, 0.0, 0.0])
+    (run,) = read_runs([recorded("rolled", scenario="gust-roll", n=1000, require=require, q_NB=rolled)])
+    document = json.loads(script(render_page([run]), "page-data"))
+    roll, pitch, _ = next(group["charts"] for group in document["sections"]["time"] if group["title"] == "Attitude")
+    assert [(mark["y"], mark["x"]) for mark in roll["marks"]] == [(3.0, [0.5, 4.0]), (-3.0, [0.5, 4.0])]
+    assert pitch["marks"] == []
+
+
+def test_curves_of_a_large_page_are_rounded_to_a_part_in_65000_and_times_are_exact(monkeypatch):
+    monkeypatch.setattr("gustproof.report.html.page.MAX_EXACT", 3)
+    block, values = NumberBlock(), np.array([1.2345678, -987.65432, 0.0, np.nan, np.inf, 3e-7])
+    block.add(values, exact=False)
+    block.add(2.0 * values)
+    planes = zlib.decompress(base64.b64decode(block.encode()))
+    read = np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
+    np.testing.assert_allclose(read[:6], values, rtol=2.0**-15)
+    np.testing.assert_array_equal(read[6:], (2.0 * values).astype("<f4"))
+    assert read[0] != np.float32(values[0])

@@ -9,7 +9,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
-from gustproof.lti.state_space import Lti, as_lti, lft
+from gustproof.lti.norms import hinf_norm
+from gustproof.lti.state_space import Lti, as_lti, gain, lft
 from gustproof.synthesis.designs import Weight, design_problem, load_design
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 
@@ -163,6 +164,14 @@ def test_a_plant_that_no_arithmetic_can_hold_is_refused_by_name():
             assert result.norm < result.gamma
 
 
+def discretize_tustin(P: Lti, dt: float) -> Lti:
+    M = np.linalg.inv(np.eye(P.order) - P.A * dt / 2.0)
+    C = dt**0.5 * P.C @ M
+    return Lti(
+        A=M @ (np.eye(P.order) + P.A * dt / 2.0), B=dt**0.5 * M @ P.B, C=C, D=P.D + dt / 2.0 * P.C @ M @ P.B, dt=dt
+    )
+
+
 LAG = {"A": [[-1.0]], "B": [[1.0, 0.0, 1.0]], "C": [[1.0], [0.0], [1.0]]}
 GOOD_D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 
@@ -227,9 +236,34 @@ def test_a_callers_mistake_is_a_value_error(arguments, message):
         hinfsyn(Lti(**LAG, D=GOOD_D), **arguments)
 
 
-def test_a_discrete_plant_is_refused():
-    with pytest.raises(ValueError, match="continuous"):
-        hinfsyn(Lti(**LAG, D=GOOD_D, dt=0.01), 1, 1)
+def test_discrete_plant_has_the_level_of_its_bilinear_image():
+    P, n_meas, n_con = random_plant(4)
+    discrete = discretize_tustin(P, 0.1)
+    ours, continuous = hinfsyn(discrete, n_meas, n_con), hinfsyn(P, n_meas, n_con)
+    assert ours.gamma_opt == pytest.approx(continuous.gamma_opt, rel=1e-6)
+    assert ours.controller.dt == 0.1
+    loop = lft(discrete, ours.controller)
+    assert loop.is_stable()
+    assert hinf_norm(loop).gain == pytest.approx(ours.norm, rel=1e-9)
+
+
+@pytest.mark.parametrize("pole", [-1.0, 1.0, 0.0])
+def test_discrete_plant_with_a_pole_on_the_circle_is_solved(pole):
+    P = Lti(A=[[pole]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=GOOD_D, dt=0.5)
+    result = hinfsyn(P, 1, 1)
+    assert lft(P, result.controller).is_stable()
+    assert result.norm < result.gamma
+
+
+def test_discrete_plant_with_poles_at_both_ends_is_refused():
+    P = Lti(A=np.diag([1.0, -1.0]), B=np.ones((2, 3)), C=np.ones((3, 2)), D=GOOD_D, dt=0.5)
+    with pytest.raises(DesignError, match="poles at z = -1 and at z = 1"):
+        hinfsyn(P, 1, 1)
+
+
+def test_plant_without_states_is_refused():
+    with pytest.raises(ValueError, match="at least one state"):
+        hinfsyn(gain(GOOD_D), 1, 1)
 
 
 def test_a_noise_spectrum_that_rises_raises_the_floor():
@@ -237,3 +271,80 @@ def test_a_noise_spectrum_that_rises_raises_the_floor():
     result = hinfsyn(design_plant("D1", W_n=shaped, gamma=None), 3, 3)
     assert result.order == 12
     assert result.gamma_opt == pytest.approx(0.0072 / 0.02, rel=SOLVERS_AGREE)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_level_is_left_by_duality_similarity_and_units(seed):
+    P, n_meas, n_con = random_plant(seed)
+    level = hinfsyn(P, n_meas, n_con).gamma_opt
+    rng = np.random.default_rng(seed)
+    T = rng.normal(size=(P.order, P.order))
+    similar = Lti(A=np.linalg.solve(T, P.A @ T), B=np.linalg.solve(T, P.B), C=P.C @ T, D=P.D)
+    dual = Lti(A=P.A.T, B=P.C.T, C=P.B.T, D=P.D.T)
+    rows, columns = np.ones(P.n_outputs), np.ones(P.n_inputs)
+    rows[-n_meas:], columns[-n_con:] = 10.0 ** rng.uniform(-5, 5, n_meas), 10.0 ** rng.uniform(-5, 5, n_con)
+    x = 10.0 ** rng.uniform(-5, 5, P.order)
+    scaled = Lti(
+        A=P.A * x / x[:, None],
+        B=P.B * columns / x[:, None],
+        C=rows[:, None] * P.C * x,
+        D=rows[:, None] * P.D * columns,
+    )
+    assert hinfsyn(similar, n_meas, n_con).gamma_opt == pytest.approx(level, rel=1e-6)
+    assert hinfsyn(dual, n_con, n_meas).gamma_opt == pytest.approx(level, rel=1e-6)
+    assert hinfsyn(scaled, n_meas, n_con).gamma_opt == pytest.approx(level, rel=1e-6)
+
+
+@pytest.mark.parametrize("distance", [1e-4, 1e-9, 1e-12])
+def test_zero_left_of_the_axis_costs_nothing_and_one_right_of_it_does(distance):
+    # u reaches z through (s - zero) / (s + 1)^2: a controller can cancel the zero or must leave what it blocks
+    levels = {}
+    for zero in (-distance, distance):
+        P = Lti(
+            A=[[0.0, 1.0], [-1.0, -2.0]],
+            B=[[0.0, 0.0, 0.0], [1.0, 0.0, 1.0]],
+            C=[[-1.0 - zero, -2.0 + 1.0], [1.0, 0.0]],
+            D=[[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
+        )
+        levels[zero] = hinfsyn(P, 1, 1).gamma_opt
+    assert levels[-distance] <= levels[distance] * (1.0 + 1e-6)
+
+
+def test_level_that_rounding_hides_is_refused_by_name():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        n, zero = 4, 10.0 ** rng.uniform(-11, -8)
+        T, F, C = rng.normal(size=(n, n)), rng.normal(size=(2, n)), rng.normal(size=(3, n))
+        A, B, D = rng.normal(size=(n, n)), rng.normal(size=(n, 4)), rng.normal(size=(4, 4))
+        A[:, 0], C[:, 0] = 0.0, 10.0 ** rng.uniform(-11, -8) * rng.normal(size=3)
+        A[0, 0] = -zero
+        A, C = T @ A @ np.linalg.inv(T) + B[:, 2:] @ F, C @ np.linalg.inv(T) + D[:3, 2:] @ F
+        P = Lti(A=A, B=B, C=np.vstack([C, rng.normal(size=(1, n))]), D=D)
+        try:
+            hinfsyn(P, 1, 2)
+        except DesignError as refusal:
+            if "cannot be told: rounding hides" in str(refusal):
+                return
+    pytest.fail("no plant was refused so")
+
+
+def test_singular_plant_is_solved_on_request_and_its_cost_told():
+    P = Lti(**LAG, D=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    result = hinfsyn(P, 1, 1, regularize=True)
+    assert result.regularization > 0.0
+    assert 0.0 < result.gamma_excess < 1e-3 * result.gamma_opt
+    assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.norm, rel=1e-9)
+    assert result.norm_error <= 1e-6 * result.norm
+
+
+def test_regular_plant_is_not_regularised():
+    P, n_meas, n_con = random_plant(1)
+    plain, asked = hinfsyn(P, n_meas, n_con), hinfsyn(P, n_meas, n_con, regularize=True)
+    assert np.array_equal(plain.controller.A, asked.controller.A)
+    assert asked.regularization == asked.gamma_excess == 0.0
+
+
+def test_regularisation_does_not_help_a_plant_that_cannot_be_stabilised():
+    P = Lti(A=[[1.0]], B=[[1.0, 0.0, 0.0]], C=LAG["C"], D=np.zeros((3, 3)))
+    with pytest.raises(DesignError, match="not stabilisable by u"):
+        hinfsyn(P, 1, 1, regularize=True)

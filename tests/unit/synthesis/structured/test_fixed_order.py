@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from gustproof.cli.app import app
 from gustproof.errors import DesignError
-from gustproof.law.discretize import tustin
 from gustproof.law.form import load_law
 from gustproof.law.hover import linear_law
+from gustproof.lti.bilinear import tustin
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.structured.fixed_order import solve_structured
@@ -61,10 +61,10 @@ def test_a_self_scheduled_law_needs_an_attitude_and_a_rate():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--method", "hinfstruct"), "go together"),
-        (("--order", "6"), "go together"),
+        (("--method", "hinfstruct"), "needs --order"),
+        (("--order", "6"), "--order cannot be given with it"),
         (("--method", "hinfstruct", "--order", "7"), "can't be shared out among 3 axes"),
-        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma and --backoff cannot set it"),
+        (("--method", "hinfstruct", "--order", "6", "--gamma", "0.3"), "--gamma cannot be given with it"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(options, words):

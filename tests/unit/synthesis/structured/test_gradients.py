@@ -16,13 +16,14 @@ from gustproof.synthesis.structured.goals import (
     StabilityGoal,
 )
 from gustproof.synthesis.structured.loop import (
+    PoleMeasure,
     abscissa,
-    abscissa_slopes,
     augment_plant,
     close_loop,
     loop_h2_norm,
     loop_peak,
     peak_slopes,
+    pole_slopes,
 )
 from gustproof.synthesis.structured.objective import Problem
 
@@ -78,7 +79,7 @@ def test_the_gradient_of_the_h_infinity_norm_is_that_of_finite_differences(seed,
 def test_the_gradient_of_the_abscissa_is_that_of_finite_differences(seed):
     plant, M = augment_plant(random_plant(seed, feedthrough=True), 2, 2, 2), controller(seed, 2)
     loop = close_loop(plant, M)
-    slope = abscissa_slopes(loop.A, loop.B2, loop.C2, 0.0)[0]
+    slope = pole_slopes(loop.A, loop.B2, loop.C2, PoleMeasure(), 0.0)[0]
     expected = differences(lambda K: abscissa(close_loop(plant, K).A), M)
     assert slope.value == pytest.approx(abscissa(loop.A))
     assert np.allclose(slope.gradient, expected, rtol=0.0, atol=DIFFERENCES * np.max(np.abs(expected)))

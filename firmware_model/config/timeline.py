@@ -1,0 +1,114 @@
+"""Course of a scenario in time: gusts, moments, link faults and events, as spans with a name."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, Literal, NamedTuple
+
+from firmware_model.config.fields import TimeWindow
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.waveforms import OneMinusCosine, Ramp, Replay, Step
+
+_EVENT_ENDS = ("for_s", "over_s", "recovers_after_s")
+
+
+class Span(NamedTuple):
+    """One thing that happens in a flight."""
+
+    from_s: float
+    """[s] begin."""
+    to_s: float
+    """[s] end; the begin itself for a moment in time."""
+    kind: Literal["gust", "moment", "link", "event"]
+    """Table that it comes from."""
+    text: str
+    """Name for people."""
+
+
+def timeline(scenario: Scenario) -> tuple[Span, ...]:
+    """Return all that happens in part of the flight, by its begin; what lasts from begin to end is left out.
+
+    A step that takes back an earlier one ends it.
+
+    Examples
+    --------
+    >>> from firmware_model.config.scenario import load_scenario
+    >>> timeline(load_scenario("gust-front"))[0].text
+    'mode hold'
+    """
+    spans = [
+        *_air(scenario, "gust", scenario.wind),
+        *_air(scenario, "moment", scenario.moment),
+        *(_window(scenario, "link", fault, f"link {_words(fault.kind)}") for fault in scenario.link),
+        *(_event(event, scenario.duration_s) for event in scenario.event),
+    ]
+    parts = [span for span in spans if span.from_s < scenario.duration_s and not _is_whole(span, scenario)]
+    return tuple(sorted(parts, key=lambda span: (span.from_s, span.to_s)))
+
+
+def _is_whole(span: Span, scenario: Scenario) -> bool:
+    return span.from_s <= 0.0 and span.to_s >= scenario.duration_s
+
+
+def _air(scenario: Scenario, kind: Literal["gust", "moment"], tables: tuple[Any, ...]) -> Iterator[Span]:
+    """Yield the spans of winds or moments."""
+    last: list[tuple[Any, Span]] = []
+    for table in tables:
+        if not isinstance(table, TimeWindow):  # mean wind and continuous turbulence
+            continue
+        span = _window(scenario, kind, table, f"{kind} {_words(str(getattr(table, 'kind', '')))}")
+        steps = isinstance(table, Step) and table.stop_s is None
+        undone = next((i for i, (other, _) in enumerate(last) if steps and _takes_back(table, other)), None)
+        if undone is None:
+            last.append((table, span))
+        else:
+            last[undone] = (None, last[undone][1]._replace(to_s=span.from_s))
+    yield from (span for _, span in last)
+
+
+def _takes_back(table: Any, other: Any) -> bool:
+    """Return whether a step is the opposite of an `other` that lasts."""
+    return (
+        isinstance(other, Step)
+        and getattr(other, "stop_s", 0.0) is None
+        and table.is_earth_frame == getattr(other, "is_earth_frame", None)
+        and all(a == -b for a, b in zip(table.vector, getattr(other, "vector", ()), strict=True))
+    )
+
+
+def _window(scenario: Scenario, kind: Literal["gust", "moment", "link"], table: Any, text: str) -> Span:
+    begin, stop = table.start_s, table.stop_s
+    end = scenario.duration_s if stop is None else min(stop, scenario.duration_s)
+    if isinstance(table, Ramp) and stop is None:  # the front
+        end = min(end, begin + table.rise_s)
+    elif isinstance(table, OneMinusCosine):
+        end = min(end, begin + table.length_s)
+    elif isinstance(table, Replay):
+        end = min(end, begin + table.rows[-1][0])
+    return Span(begin, end, kind, text)
+
+
+def _event(event: Any, duration_s: float) -> Span:
+    lasts = next((getattr(event, name) for name in _EVENT_ENDS if getattr(event, name, None)), 0.0)
+    return Span(event.at_s, min(event.at_s + lasts, duration_s), "event", describe_event(event))
+
+
+def describe_event(event: Any) -> str:
+    """Return an event in a few words: its kind and its values."""
+    if event.kind == "mode":
+        return f"mode {event.mode}"
+    if event.kind == "attitude":
+        return f"reference {_value(event.euler_deg) or '0'} deg"
+    values = [getattr(event, each.name) for each in fields(event) if each.name not in ("kind", "at_s", *_EVENT_ENDS)]
+    told = " ".join(text for value in values if (text := _value(value)))
+    return f"{_words(event.kind)} {told}".strip()
+
+
+def _value(value: Any) -> str:
+    parts = value if isinstance(value, tuple) else (value,)
+    if not any(parts):
+        return ""
+    return f"{parts[0]:g}" if len(set(parts)) == 1 else ", ".join(f"{part:g}" for part in parts)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,1 @@
+"""Synthesis and distances by normalised coprime factors: loop shaping and the gap metrics."""

@@ -1,0 +1,149 @@
+"""One of the two Riccati equations of a synthesis, for all levels; the filter's is the same on transposed data."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+from gustproof.errors import DesignError
+from gustproof.lti.riccati import RiccatiError, stabilizing_solution
+from gustproof.lti.state_space import Matrix, largest_gain
+from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
+
+_SEMIDEFINITE = 1e-9
+"""[-] eigenvalues above minus this fraction of the solution's natural size count as not negative. A solution may be
+singular or 0; it becomes indefinite only through infinity."""
+_TINY = float(np.finfo(float).tiny)
+"""Least positive number, so that a signal of no terms is not divided by 0."""
+_ROUNDING = 1e-14
+"""[-] rounding of a gain, of the terms that it is summed from."""
+
+
+class RiccatiData(NamedTuple):
+    """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
+
+    A: Matrix
+    """(n, n)."""
+    B: Matrix
+    """(n, m1 + m2), of (w, u)."""
+    C1: Matrix
+    """(p1, n)."""
+    D1: Matrix
+    """(p1, m1 + m2)."""
+    R: Matrix
+    """(m1 + m2, m1 + m2) D1^T D1."""
+    SB: Matrix
+    """(m1 + m2, 2n) S = D1^T C1, then B^T."""
+    Q: Matrix
+    """(n, n) C1^T C1."""
+    J: Matrix
+    """(m1 + m2, m1 + m2) identity on w, 0 on u."""
+    natural_size: float
+    """[-] size of a solution, the scale for its eigenvalues."""
+    zeros: AxisZeros
+    """Zeros near the imaginary axis."""
+    quotient: "RiccatiData | None"
+    """Data without the states of such zeros; `None` if there are none."""
+
+
+def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: AxisZeros) -> RiccatiData:
+    """Return the data of a Riccati equation of the first `m1` inputs as disturbances, the others as controls."""
+    natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
+    J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
+    SB = np.hstack([D1.T @ C1, B.T])
+    quotient = None
+    if zeros.rest.shape[1] < A.shape[0]:
+        # u = -D12^T C1 x hides the states of the zeros from z, and leaves the solution as it is
+        N, D12 = zeros.rest, D1[:, m1:]
+        A_hidden, C_hidden = A - B[:, m1:] @ (D12.T @ C1), C1 - D12 @ (D12.T @ C1)
+        none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
+        quotient = riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
+    return RiccatiData(
+        A=A,
+        B=B,
+        C1=C1,
+        D1=D1,
+        R=D1.T @ D1,
+        SB=SB,
+        Q=C1.T @ C1,
+        J=J,
+        natural_size=natural_size,
+        zeros=zeros,
+        quotient=quotient,
+    )
+
+
+def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool]:
+    """Return a Riccati solution, its gain, and True if it has no negative eigenvalue.
+
+    Raises
+    ------
+    DesignError
+        If there is no stabilising solution.
+    numpy.linalg.LinAlgError
+        If `gamma` is a singular value of the part of D11 that no control affects.
+    """
+    RS, RB = _feedback(half, gamma)
+    if half.zeros.rest.shape[1] < half.A.shape[0]:
+        X, definite = _solve_quotient(half, gamma, RS, RB)
+        return X, -(RS + RB @ X), definite
+    try:
+        X = stabilizing_solution(_hamiltonian(half, RS, RB))
+    except RiccatiError as error:
+        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
+    eigenvalues = np.linalg.eigvalsh(X)
+    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
+    return X, -(RS + RB @ X), bool(definite)
+
+
+def has_no_solution(half: RiccatiData, gamma: float) -> bool:
+    """Return True if there is no stabilising solution, whatever the rounding.
+
+    There is none if at some frequency no control, knowing all, keeps the gain from w to z below the level. Frequencies
+    are tried between the eigenvalues of the Hamiltonian on the imaginary axis, where that gain crosses the level.
+    """
+    if half.quotient is not None:
+        return has_no_solution(half.quotient, gamma)
+    n, w = half.A.shape[0], np.flatnonzero(np.diag(half.J))
+    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, *_feedback(half, gamma))).imag)
+    ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
+    omega = 0.5 * (ends[:-1] + ends[1:])
+    omega = omega[omega > 0.0]
+    states = np.linalg.solve(1j * omega[:, None, None] * np.eye(n) - half.A, half.B.astype(np.complex128)[None])
+    gains = half.C1 @ states + half.D1
+    terms = np.linalg.norm(np.abs(half.C1) @ np.abs(states) + np.abs(half.D1), axis=1, keepdims=True) + _TINY
+    controls = (gains / terms)[:, :, len(w) :]
+    U, singular, _ = np.linalg.svd(controls, full_matrices=False)
+    left = gains[:, :, : len(w)] - U @ (U.conj().transpose(0, 2, 1) @ gains[:, :, : len(w)])
+    rounding = _ROUNDING * np.linalg.norm(terms[:, 0, : len(w)], axis=1) / singular[:, -1]
+    return bool(np.any(np.linalg.norm(left, 2, axis=(1, 2)) > gamma + rounding))
+
+
+def _feedback(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix]:
+    """Return `R^-1 S` and `R^-1 B^T` at a level."""
+    n = half.A.shape[0]
+    _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, half.SB)
+    if singular:
+        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
+    return solved[:, :n], solved[:, n:]
+
+
+def _hamiltonian(half: RiccatiData, RS: Matrix, RB: Matrix) -> Matrix:
+    """Return the Hamiltonian matrix of the equation, (2n, 2n)."""
+    n, B = half.A.shape[0], half.B
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n] = half.A - B @ RS
+    H[:n, n:] = -B @ RB
+    H[n:, :n] = half.SB[:, :n].T @ RS - half.Q
+    H[n:, n:] = -H[:n, :n].T
+    return H
+
+
+def _solve_quotient(half: RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
+    """Return a Riccati solution with the states of zeros near the axis split off, and True if it is not negative."""
+    X, definite, N = np.zeros_like(half.A), True, half.zeros.rest
+    if half.quotient is not None:
+        inner, _, definite = solve_riccati(half.quotient, gamma)
+        X = N @ inner @ N.T
+    X, allowed = add_growing(half.zeros, X, half.A - half.B @ (RS + RB @ X), half.B @ RB)
+    return X, definite and allowed

@@ -1,0 +1,1 @@
+"""Synthesis of scheduled controllers for plants that depend on measured parameters."""

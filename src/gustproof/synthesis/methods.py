@@ -1,0 +1,102 @@
+"""One small adapter for each synthesis method that turns a design into a controller."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from gustproof.certify.gain.l2_gain import attitude_plant, certify_gain
+from gustproof.errors import DesignError
+from gustproof.lti.state_space import Lti, gain, series
+from gustproof.model.interconnection import Interconnection
+from gustproof.model.lft import Uncertain
+from gustproof.model.rotational import Envelope
+from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.coprime.ncfsyn import ncfsyn
+from gustproof.synthesis.designs import Design
+from gustproof.synthesis.hinf.h2syn import h2syn
+from gustproof.synthesis.mu.musyn import musyn
+
+AXES = ("roll", "pitch", "yaw")
+_CORNER = 1.0 / 6.0
+"""[-] part of the crossover below which the shaped loop weights attitude, the integral of the rate."""
+
+
+def solve_h2(design: Design, problem: Interconnection) -> CheckedController:
+    """Return the controller of the least H2 norm: the least rms of z for white noise w."""
+    return h2syn(problem.plant(), problem.n_meas, problem.n_con)
+
+
+def solve_loop_shaping(design: Design, problem: Interconnection, *, crossover: float) -> CheckedController:
+    """Return the loop-shaping controller of Glover and McFarlane for a design of gyros alone, each axis by itself.
+
+    W1 scales each axis so that the loop from torque to gyro crosses 1 at `crossover` [rad/s]. Below a sixth of it W1
+    rises by 1 / s down to the leak, so that the attitude is held. The weights of the design have no part in it. Level
+    and norm are those of the worst axis.
+
+    Raises
+    ------
+    DesignError
+        If the design measures more than gyros or commands rates, or a shaped plant has no coprime factors.
+    """
+    if problem.n_meas != problem.n_con or design.rate_loop_lag is not None:
+        raise DesignError(f"design {design.name}: ncfsyn shapes the loop from torque to gyro, and that alone")
+    plant = problem.system(("u",), problem.y)
+    # (s + corner) / (s + leak)
+    one = np.eye(1)
+    rise = Lti(A=-design.leak * one, B=one, C=(_CORNER * crossover - design.leak) * one, D=one)
+    found = []
+    for axis in range(problem.n_con):
+        G = plant.subsystem([axis], [axis]).connected()
+        reached = float(abs(series(rise, G).response(np.array([crossover]))[0, 0, 0]))
+        found.append(ncfsyn(G, series(rise, gain(one / reached)), backoff=design.backoff))
+    worst = max(found, key=lambda shaped: shaped.norm)
+    parts = [[getattr(shaped.controller, name) for shaped in found] for name in "ABCD"]
+    A, B, C, D = (scipy.linalg.block_diag(*matrices) for matrices in parts)
+    turn = np.arange(len(A)).reshape(len(found), -1).T.ravel()  # a law takes the axes in turn
+    return CheckedController(
+        controller=Lti(A=A[np.ix_(turn, turn)], B=B[turn], C=C[:, turn], D=D),
+        gamma=max(shaped.gamma for shaped in found),
+        norm=worst.norm,
+        omega=worst.omega,
+        checks=tuple(f"{axis}: {check}" for axis, shaped in zip(AXES, found, strict=True) for check in shaped.checks),
+    )
+
+
+def solve_mu(
+    design: Design, problem: Interconnection, *, envelope: Envelope, progress: Callable[[float, str], None]
+) -> CheckedController:
+    """Return the controller of D-K iteration with a small L2 gain over an envelope of attitudes and rates.
+
+    Parameters may change at any speed, so that `certify_gain` proves its bound: what it says is one of the checks.
+
+    Raises
+    ------
+    DesignError
+        If the design commands rates, has a reference or an accelerometer, or no start has a finite bound.
+    """
+    plant = uncertain_plant(design, problem, envelope)
+    result = musyn(plant, problem.n_meas, problem.n_con, measure="l2gain", progress=progress)
+    certificate = certify_gain(problem, result.controller, angle=envelope.angle, rate=envelope.rate)
+    proven = f"{'proven exactly' if certificate.proven else 'NOT proven exactly'}: {certificate.statement}"
+    return replace(result, checks=(*result.checks, proven))
+
+
+def uncertain_plant(design: Design, problem: Interconnection, envelope: Envelope) -> Uncertain:
+    """Return the plant of a design over an envelope.
+
+    Raises
+    ------
+    DesignError
+        If the design commands rates, has a reference or an accelerometer.
+    """
+    try:
+        return attitude_plant(problem, envelope)
+    except ValueError as error:
+        raise DesignError(f"design {design.name}: {error}") from None
+
+
+def named_for(method: str, design: Design, *, estimates: bool) -> Design:
+    """Return a design whose law is named for its method, and linear unless its states estimate attitude and rates."""
+    return replace(design, law=f"{design.name}-{method}", scheduled=design.scheduled and estimates)

@@ -1,0 +1,108 @@
+"""`gustproof guide` in Debian's Chromium: nothing is fetched, nothing complains, and everyone can read it."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gustproof.guide.site import SECTIONS
+
+NAMES = [name for names in SECTIONS.values() for name in names]
+SEEN = ("index", "tutorial", "keys-law", "laws")
+"""Pages with pictures, code and tables; all pages have their one style sheet, so colours are checked on these."""
+AXE = """axe.run({
+  resultTypes: ["violations"], rules: { "color-contrast": { enabled: COLOURS } },
+}).then((found) => found.violations.map(
+  ({ id, impact, nodes }) => `${impact}: ${id}: ${nodes.map((node) => node.target).slice(0, 3).join(" ")}`))"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("guide")
+    command = [sys.executable, "-m", "gustproof", "guide", "-o", str(folder), "--no-open"]
+    subprocess.run(command, capture_output=True, text=True, check=True)
+    return folder
+
+
+@pytest.fixture
+def opened(browser, folder):
+    """Open a page, and check that it logs no complaint and requests nothing but its own files."""
+
+    def see(name, **window):
+        browser.open((folder / f"{name}.html").as_uri(), **window)
+        browser.run("document.fonts.ready.then(() => true)")
+        assert browser.complaints == [], name
+        own = folder.as_uri() + "/"
+        assert [request for request in browser.requests if not request.startswith((own, "data:"))] == [], name
+        return browser
+
+    return see
+
+
+@pytest.fixture(scope="module")
+def axe():
+    """Return axe-core's script; without it the test is skipped, and counted."""
+    found = importlib.util.find_spec("axe_playwright_python")
+    if found is None or not found.submodule_search_locations:
+        pytest.skip("axe-core is not installed")
+    return (Path(found.submodule_search_locations[0]) / "axe.min.js").read_text(encoding="utf-8")
+
+
+def test_axe_finds_no_fault_on_any_page(opened, axe):
+    faults = {}
+    for dark, names in ((False, NAMES), (True, SEEN)):
+        for name in names:
+            if name == "matlab":
+                continue
+            browser = opened(name, width=1366, height=900, dark=dark)
+            browser.run(f"{axe}; true")
+            found = browser.run(AXE.replace("COLOURS", str(name in SEEN).lower()))
+            faults |= {f"{name}, dark {dark}": found} if found else {}
+    assert faults == {}
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1366, 390])
+def test_pages_fit_their_window_and_can_be_read(opened, tmp_path, width, dark):
+    for name in SEEN:
+        browser = opened(name, width=width, height=844, dark=dark)
+        assert browser.run("document.documentElement.scrollWidth") <= width, name
+        ink, paper = browser.run("['color', 'backgroundColor'].map((key) => getComputedStyle(document.body)[key])")
+        assert (brightness(ink) > brightness(paper)) is dark
+        assert browser.run("[...document.images].every((image) => image.complete && image.naturalWidth > 0)")
+        browser.screenshot(tmp_path / f"{name}-{width}-{'dark' if dark else 'light'}.png")
+    assert len(list(tmp_path.glob("*.png"))) == len(SEEN)
+
+
+def brightness(colour):
+    return sum(int(part) for part in colour.removeprefix("rgb(").removesuffix(")").split(","))
+
+
+def press_tab(browser):
+    for kind in ("keyDown", "keyUp"):
+        browser.call("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
+
+
+def test_the_keyboard_reaches_text_tables_and_contents(opened):
+    browser = opened("laws", width=1366, height=900)
+    press_tab(browser)
+    assert browser.run("document.activeElement.textContent") == "Skip to the text"
+    assert browser.run("document.activeElement.getBoundingClientRect().left") >= 0  # shown once it has the focus
+    reached = set()
+    for _ in range(60):
+        press_tab(browser)
+        reached.add(
+            browser.run("document.activeElement.closest('main, nav, .wide')?.id || document.activeElement.className")
+        )
+    assert {"wide", "contents"} <= reached
+
+
+def test_the_contents_lead_from_page_to_page(opened):
+    browser = opened("index", width=390, height=844)
+    link = "document.querySelector('#contents a[href=\"px4.html\"]')"
+    browser.run(f"{link}.click()")
+    browser.run("new Promise((done) => setTimeout(done, 300))")
+    assert browser.run("document.querySelector('h1').textContent") == "For PX4 users"
+    assert browser.run("document.querySelector('[aria-current]').textContent") == "For PX4 users"

@@ -1,0 +1,96 @@
+"""`gustproof design`: each method's law, what is printed of it, and options that a method does not take."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from gustproof.certify.boundedness import certify_boundedness
+from gustproof.certify.certificate import Certificate
+from gustproof.cli.app import app
+from gustproof.law.form import load_law
+from gustproof.synthesis import methods
+from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(app, ["design", *arguments])
+
+
+def told(*arguments: str) -> dict[str, Any]:
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    figures: dict[str, Any] = json.loads(result.stdout)
+    return figures
+
+
+def test_a_shaped_law_crosses_where_asked_with_the_margin_told_and_its_flight_is_proven(tmp_path: Path):
+    path = tmp_path / "shaped.json"
+    figures = told("D2", "--method", "ncfsyn", "--crossover", "15", "-o", str(path))
+    assert (figures["method"], figures["law"], figures["gamma_opt"]) == ("ncfsyn", "D2-ncfsyn", None)
+    assert figures["norm"] <= figures["gamma"]
+    assert sum("a margin of" in check for check in figures["checks"]) == 3
+    for axis in ("roll", "pitch", "yaw"):
+        flown = figures["sampled"]["input"][axis]
+        assert 0.5 * 15.0 < flown["crossover_rad_s"] < 1.5 * 15.0
+        assert flown["phase_margin_deg"] > 45.0
+    law = load_law(path)
+    assert (law.name, law.order, law.is_scheduled) == ("D2-ncfsyn", figures["order"], False)
+    assert certify_boundedness(path, "paper", moment=(0.1, 0.1, 0.05), horizon=None).proven
+
+
+def test_the_law_of_least_rms_has_its_checks_and_no_frequency():
+    result = run("D2", "--method", "h2syn")
+    assert result.exit_code == 0
+    assert "checked" in result.stdout
+    figures = told("D2", "--method", "h2syn")
+    assert figures["norm_omega_rad_s"] is None
+    central = derive(load_design("D2"))[1]
+    assert figures["sampled"]["input"]["roll"]["Ms"] != pytest.approx(central.sampled.input[0].Ms, rel=1e-3)
+
+
+def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: pytest.MonkeyPatch):
+    asked: dict[str, Any] = {}
+    central = derive(load_design("D2"))[1].result
+
+    def musyn(plant: Any, n_meas: int, n_con: int, **options: Any) -> CheckedController:
+        asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
+        return CheckedController(controller=central.controller, gamma=3.0, norm=2.0, omega=1.0, checks=("stable",))
+
+    certificate = Certificate(
+        statement="the gain is below 3", gain=3.0, lower_bound=2.0, proven=True, assumes={}, evidence={}, residual=0.0
+    )
+    monkeypatch.setattr(methods, "musyn", musyn)
+    monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: certificate)
+    figures = told("D2", "--method", "musyn", "--angle-rad", "0.3", "--rate-rad-s", "0.5")
+    assert (asked["measure"], asked["sizes"]) == ("l2gain", (3, 3))
+    assert sorted(asked["blocks"]) == ["q", "r", "t", "v"]
+    assert figures["checks"] == ["stable", "proven exactly: the gain is below 3"]
+    assert (figures["law"], figures["gamma"]) == ("D2-musyn", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("D2", "--method", "ncfsyn", "--order", "3"), "--order cannot be given with it"),
+        (("D2", "--method", "h2syn", "--gamma", "1"), "--gamma cannot be given with it"),
+        (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
+        (("D2", "--method", "musyn"), "needs --angle-rad and --rate-rad-s"),
+        (("D2", "--method", "musyn", "--angle-rad", "2", "--rate-rad-s", "1"), "below pi/2"),
+        (("D2", "--angle-rad", "0.1"), "--angle-rad cannot be given with it"),
+        (("D2", "--method", "hinfstruct"), "needs --order"),
+        (("D2", "--method", "ncfsyn", "--crossover", "0"), "--crossover: is 0.0, must be positive"),
+        (("R1", "--method", "ncfsyn"), "shapes the loop from torque to gyro"),
+        (("R1", "--method", "musyn", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
+        (("D2", "--method", "ncfsyn", "--crossover", "300"), "one sample late"),
+        (("D2", "--method", "systune"), "systune"),
+    ],
+)
+def test_an_option_that_a_method_does_not_take_is_refused(arguments, words):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert words in result.output

@@ -1,0 +1,123 @@
+"""The site of the guide needs no network, and is sound for keyboards and screen readers."""
+
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from gustproof.cli.app import app
+from gustproof.guide.site import MADE, SECTIONS, heading_anchor, render_markdown
+
+pytestmark = pytest.mark.plain
+
+
+class Reader(HTMLParser):
+    """What a page says of itself."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.ids, self.headings = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self.ids += [value for name, value in attrs if name == "id"]
+        if re.fullmatch(r"h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("guide") / "site"
+    folder.mkdir()
+    (folder / "guide.css").write_text("", encoding="utf-8")
+    result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open"])
+    assert result.exit_code == 0, result.output
+    assert result.output == f"{folder / 'tutorial.html'}\n"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(folder):
+    return {path.stem: Reader(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.html"))}
+
+
+def test_every_page_of_the_contents_is_written(pages):
+    assert set(pages) | {"matlab"} == {name for names in SECTIONS.values() for name in names}
+    assert set(MADE) < set(pages)
+
+
+def test_nothing_is_fetched_and_every_link_leads_somewhere(pages, folder):
+    for name, page in pages.items():
+        for tag, attributes in page.tags:
+            target = attributes.get("src") or attributes.get("href") or ""
+            assert tag != "script"
+            if tag != "a":
+                assert not re.match(r"\w+://|//", target), f"{name} fetches {target}"
+            if target and "://" not in target and not target.startswith("data:"):
+                file, _, anchor = target.partition("#")
+                assert not file or (folder / file).is_file(), f"{name}: no {file}"
+                if anchor:
+                    assert anchor in pages[file.removesuffix(".html") or name].ids, f"{name}: no {target}"
+    assert not re.search(r"url\(|@import", (folder / "guide.css").read_text(encoding="utf-8"))
+
+
+def test_headings_landmarks_and_pictures_have_names(pages):
+    for name, page in pages.items():
+        tags = [tag for tag, _ in page.tags]
+        assert page.headings[0] == 1, name
+        assert page.headings.count(1) == 1, name
+        assert all(after - before <= 1 for before, after in pairwise(page.headings)), name
+        assert len(page.ids) == len(set(page.ids)), name
+        assert (tags.count("main"), tags.count("header"), tags.count("footer")) == (1, 1, 1)
+        assert all(attributes["aria-label"] for tag, attributes in page.tags if tag == "nav")
+        assert all(len(attributes["alt"]) > 30 for tag, attributes in page.tags if tag == "img")
+        assert ("html", {"lang": "en"}) in page.tags
+
+
+def test_an_unknown_page_is_one_line(tmp_path):
+    result = CliRunner().invoke(app, ["guide", "tutorail", "-o", str(tmp_path), "--no-open"])
+    assert result.exit_code == 2
+    assert "no page named 'tutorail', there are index, install, tutorial" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_guide_replaces_no_other_files(folder, tmp_path):
+    assert (folder / "guide.css").stat().st_size > 1000  # in place of the one of a guide before
+    (tmp_path / "index.html").write_text("mine")
+    refused = CliRunner().invoke(app, ["guide", "-o", str(tmp_path), "--no-open"])
+    assert refused.exit_code == 2
+    assert "holds other files, and no guide to replace" in refused.stderr
+    assert (tmp_path / "index.html").read_text() == "mine"
+
+
+def test_markdown_is_rendered_without_raw_html():
+    shown = render_markdown(
+        "# A b\n\n<script>x</script>\n\n[p](px4.md#a) ![alt](pictures/x.png)\n\n| a |\n|---|\n| 1 |\n"
+    )
+    assert "<script>" not in shown
+    assert 'href="px4.html#a"' in shown
+    assert 'src="x.png"' in shown
+    assert '<h1 id="a-b">' in shown
+    assert '<th scope="col">a</th>' in shown
+    assert heading_anchor("`fly SCENARIO --law`, a flight") == "fly-scenario---law-a-flight"
+
+
+def test_reference_has_every_command_key_and_message(folder):
+    text = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.html")}
+    commands = typer.main.get_command(app).commands
+    assert all(f'<h2 id="gustproof-{name}' in text["options"] for name in commands)
+    assert "--signing-key" in text["options"]  # of a command that parses its own options
+    for word in ("duration_s", "one_minus_cosine", "burst_loss", "recovery_s", "actuator_effect"):
+        assert word in text["keys-scenario"]
+    for word in ("thrust_max", "gust_yaw_ratio", "Spread", "resistance_ohm"):
+        assert word in text["keys-vehicle"]
+    assert all(word in text["keys-design"] for word in ("W_e", "backoff", "InnerLoop", "misfit"))
+    assert all(word in text["keys-law"] for word in ("gustproof-law-1", "rate_limit", "provenance", "(3, n) state"))
+    assert all(word in text["topics"] for word in ("/truth/pose", "[N*m] actuator command", "gustproof_msgs/msg/Mode"))
+    assert all(word in text["messages"] for word in ("HIGHRES_IMU", "SET_ATTITUDE_TARGET", "MAV_CMD_DO_SET_MODE"))
+    assert all(word in text["json"] for word in ("rmse_deg", "gamma_opt", "requirements", "certified_up_to_times"))
+    assert "fly_direct(scenario, law" in text["api"]

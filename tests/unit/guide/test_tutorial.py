@@ -1,0 +1,117 @@
+"""The ways of the guide, walked as written in an empty folder, end with what they promise."""
+
+import re
+import shlex
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.cli.app import app
+from gustproof.guide.drawings import WORST_MOMENT, draw_pictures, fly_both, tilt_deg
+from gustproof.law.form import load_law
+from gustproof.scoring.metrics import measure
+
+pytestmark = pytest.mark.compiled
+GUIDE = Path(str(files("gustproof.guide")))
+
+
+def commands(page: str) -> list[str]:
+    """Return the commands of a page that need no program of others."""
+    text = (GUIDE / f"{page}.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```console\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    return [line.removeprefix("$ ") for line in "".join(shown).splitlines() if line]
+
+
+def walk(lines: list[str], *, failing: tuple[str, ...] = ()) -> dict[str, str]:
+    """Run commands in the present folder, and return what each prints; those `failing` exit with status 1."""
+    told = {}
+    for line in lines:
+        program, *arguments = shlex.split(line)
+        assert program == "gustproof"
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == (line in failing), f"{line}: {result.output}"
+        told[line] = result.output
+    return told
+
+
+def test_the_tutorial_ends_with_every_file_that_it_promises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    told = walk(commands("tutorial"), failing=("gustproof fly gust-roll --law hinf-d1 --out paper",))
+    page = (GUIDE / "tutorial.md").read_text(encoding="utf-8")
+    promised = re.findall(r"`([\w.-]+)`", page.partition("## What you have now")[2].rpartition("|")[0])
+    assert len(promised) >= 15
+    assert [name for name in promised if not (tmp_path / name).exists()] == []
+    peaks = [re.search(r"peak +│ ([\d.]+)", told[line]) for line in list(told)[:2]]
+    assert [float(peak[1]) for peak in peaks if peak] == [pytest.approx(0.4, abs=0.05), pytest.approx(3.3, abs=0.05)]
+    (identified,) = (text for line, text in told.items() if " identify " in line and " fly " not in line)
+    assert "actuator lag [ms]" in identified
+    proofs = [text for line, text in told.items() if " certify " in line]
+    assert all("proven: " in text for text in proofs)
+    assert len(proofs) == 2
+    log_page = [line for line in commands("log") if "my-log" in line]
+    assert log_page
+    assert set(log_page) <= set(told)  # so the page on logs has been walked too
+
+
+def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (GUIDE / "vehicle.md").read_text(encoding="utf-8")
+    (file,) = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    (tmp_path / file.splitlines()[0].removeprefix("# ")).write_text(file, encoding="utf-8")
+    told = {line.split()[1]: output for line, output in walk(commands("vehicle")).items()}
+    assert list(told) == ["tune", "certify", "fly", "export"]
+    (least,) = re.findall(r"least: ([\d.]+) at this Ms and slew", told["tune"])
+    figures = load_law("my-law.json").provenance.parameters
+    assert figures["foretold_slew_nm_per_s"] <= 6.9
+    assert figures["foretold_rmse_deg"] <= 1.15 * float(least) <= 0.095
+    (flown,) = re.findall(r"RMSE +│ ([\d.]+)", told["fly"])
+    assert float(flown) <= 0.06
+    assert "proven: " in told["certify"]
+    assert "int aided_my_quad_step(" in (tmp_path / "my-law.c").read_text()
+    assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1
+
+
+def test_the_pictures_are_drawn_small(tmp_path: Path) -> None:
+    drawn = draw_pictures(tmp_path / "pictures")
+    shipped = sorted((GUIDE / "pictures").glob("*.png"))
+    assert sorted(path.name for path in drawn) == [path.name for path in shipped]
+    assert sum(path.stat().st_size for path in shipped) < 150_000
+    assert all(path.stat().st_size < 150_000 for path in drawn)
+
+
+def test_the_readme_figures_beside_the_paper_are_flown() -> None:
+    vehicle, readme = load_vehicle("paper"), (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    flights = fly_both(load_scenario(WORST_MOMENT), vehicle)
+    paper, ours = (float(tilt_deg(flights[law]).max()) for law in ("hinf-d1", "flagship"))
+    assert f"tilt {ours:.0f}° instead of {paper:.0f}°" in readme
+    assert "stays within 1° of level" in readme
+    assert ours < 1.0
+    scenario = load_scenario("paper-turbulence")
+    flights = fly_both(scenario, vehicle)
+    d1, flagship = (measure(flights[law], vehicle, scenario, 0.0) for law in ("hinf-d1", "flagship"))
+    assert f"error {flagship.rmse_deg:.2f}° instead of {d1.rmse_deg:.1f}°".replace(" 0.", " .") in readme
+    assert f"slew {d1.torque_slew_rms:.1f} instead of {flagship.torque_slew_rms:.0f} N m/s" in readme
+
+
+def test_the_moment_of_the_picture_is_within_the_budget_of_the_paper() -> None:
+    moments = load_scenario(WORST_MOMENT).moment
+    budget = (0.65, 0.65, 0.3)  # [N m], `gustproof worst-case --help`
+    assert all(sum(abs(each.amplitude_nm[axis]) for each in moments) <= budget[axis] for axis in range(3))
+
+
+def test_the_library_example_runs_as_it_stands(tmp_path: Path) -> None:
+    text = (GUIDE / "library.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, cwd=tmp_path, check=True)
+    rmse = re.search(r"RMSE ([\d.]+) deg", run.stdout)
+    assert rmse is not None
+    assert 0.0 < float(rmse[1]) < 1.0
+    assert (tmp_path / "mine.json").exists()
