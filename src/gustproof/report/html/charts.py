@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 from scipy.signal import welch
@@ -132,14 +133,12 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
         charts = []
         for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
             known = [i for i in order if _is_known(columns[i], k)]
-            if not known:
-                continue
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
             references = _reference_curves(runs, k) if title == "Attitude" else ()
             drawn = (*curves, *references)
             marks = limit_marks(runs, title, k)
             charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=drawn, marks=marks))
-        groups.append(ChartGroup(title=title, charts=tuple(charts)))
+        groups.append(ChartGroup(title=title, charts=tuple(filter(attrgetter("curves"), charts))))
     return tuple(groups)
 
 
