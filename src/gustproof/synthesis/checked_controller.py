@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gustproof.lti.state_space import Lti
 
 if TYPE_CHECKING:
     import control
+
+ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
+"""Errors by which arithmetic gives up."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,14 +14,12 @@ from gustproof.certify.gain.multipliers import (
     balancing_transform,
     basis,
     least_level,
+    solve_inside,
     solve_level,
 )
 from gustproof.certify.gain.parts import Delay, Part, Slope
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain
-
-_BACKOFF = 1.001
-"""[-] multiple of the least level at which the margin of the inequalities is then maximised."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,20 +53,18 @@ def constrained_multipliers(loop: Uncertain, parts: Mapping[str, Part]) -> Const
         raise ValueError("the loop must be continuous and stable at Delta = 0")
     unknowns = [_Unknowns(block.name, block.shape[0], parts.get(block.name)) for block in loop.blocks]
     program = _Program(loop, unknowns)
-    at_least = program.solve(None)
-    inside = program.solve(_BACKOFF**2 * abs(float(at_least[-1])))
-    for solution in (inside, at_least):
-        level = least_level(program.form(solution), program.m)
-        if level is not None:
-            lyapunov = np.asarray(solve_continuous_lyapunov(program.A.T, -np.eye(program.n)), dtype=np.float64)
-            return ConstrainedMultipliers(
-                coordinates=program.coordinates,
-                P=program.storage(solution),
-                stability=0.5 * add_transpose(lyapunov),
-                blocks=program.entries(solution),
-                level=level,
-            )
-    return None
+    found = solve_inside(program.solve, lambda solution: least_level(program.form(solution), program.m))
+    if found is None:
+        return None
+    solution, level = found
+    lyapunov = np.asarray(solve_continuous_lyapunov(program.A.T, -np.eye(program.n)), dtype=np.float64)
+    return ConstrainedMultipliers(
+        coordinates=program.coordinates,
+        P=program.storage(solution),
+        stability=0.5 * add_transpose(lyapunov),
+        blocks=program.entries(solution),
+        level=level,
+    )
 
 
 class _Unknowns:

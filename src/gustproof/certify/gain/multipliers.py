@@ -1,7 +1,8 @@
 """Multipliers that bound an L2 gain over real parameters of any speed, from one linear matrix inequality."""
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import clarabel
 import numpy as np
@@ -56,13 +57,28 @@ def best_multipliers(loop: Uncertain) -> Multipliers | None:
         raise ValueError(f"block '{full[0]}' is no real parameter")
     inverse, balanced = balance(loop)
     inequality = _Inequality(balanced)
-    at_least = _solve_sdp(inequality, None)
-    inside = _solve_sdp(inequality, _BACKOFF**2 * abs(float(at_least[-1])))
+    found = solve_inside(partial(_solve_sdp, inequality), partial(_level, inequality))
+    if found is None:
+        return None
+    unknowns, level = found
+    P, D, G = inequality.split(unknowns)
+    return Multipliers(coordinates=inverse, P=P, D=D, G=G, level=level)
+
+
+def solve_inside(
+    solve: Callable[[float | None], Matrix], level_of: Callable[[Matrix], float | None]
+) -> tuple[Matrix, float] | None:
+    """Return unknowns with the level that they prove, or `None` if they prove none.
+
+    Those of the largest margin just above the least level come first, then those of the least level. `solve` is that of
+    `solve_level` by the squared level.
+    """
+    at_least = solve(None)
+    inside = solve(_BACKOFF**2 * abs(float(at_least[-1])))
     for unknowns in (inside, at_least):
-        level = _level(inequality, unknowns)
+        level = level_of(unknowns)
         if level is not None:
-            P, D, G = inequality.split(unknowns)
-            return Multipliers(coordinates=inverse, P=P, D=D, G=G, level=level)
+            return unknowns, level
     return None
 
 

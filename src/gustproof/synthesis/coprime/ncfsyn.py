@@ -8,7 +8,7 @@ from gustproof.errors import DesignError
 from gustproof.lti.bilinear import tustin
 from gustproof.lti.norms import Peak, hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, as_lti, lft, series
-from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.checked_controller import ROUNDING_ERRORS, CheckedController
 from gustproof.synthesis.coprime.factors import coprime_factors
 
 _ROUNDING = 1e-6
@@ -91,7 +91,7 @@ def ncfsyn(
         factors = coprime_factors(shaped)
         gamma = backoff * factors.least_gamma
         image = factors.robust_controller(gamma)
-    except (np.linalg.LinAlgError, OverflowError) as error:
+    except ROUNDING_ERRORS as error:
         raise DesignError(f"the shaped plant is too badly scaled to solve: {error}") from None
     robust = tustin(image, plant.dt) if plant.dt else image
     peak = check_shaped_loop(shaped, robust)

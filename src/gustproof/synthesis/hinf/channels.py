@@ -11,6 +11,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, Matrix
+from gustproof.synthesis.checked_controller import ROUNDING_ERRORS
 
 _SWEEPS = 30
 """Number of rounds of the search for units; it stops when none changes."""
@@ -75,14 +76,14 @@ def solve_in_best_units(P: Lti, n_meas: int, n_con: int, solve: Callable[[Lti, U
             return solve(better.apply(P, n_meas, n_con), better)
     try:
         return solve(P, own)
-    except (DesignError, np.linalg.LinAlgError, OverflowError) as failure:
+    except (DesignError, *ROUNDING_ERRORS) as failure:
         refusal = failure
     better = find_units(P, n_meas, n_con)
     if better.is_identity:
         raise refusal
     try:
         return solve(better.apply(P, n_meas, n_con), better)
-    except (DesignError, np.linalg.LinAlgError, OverflowError):
+    except (DesignError, *ROUNDING_ERRORS):
         raise refusal from None
 
 

@@ -7,10 +7,10 @@ import numpy as np
 from gustproof.errors import DesignError
 from gustproof.lti.norms import h2_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, lft
-from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.checked_controller import ROUNDING_ERRORS, CheckedController
 from gustproof.synthesis.hinf.channels import Units, solve_in_best_units
 from gustproof.synthesis.hinf.conditions import normalize, require_sizes
-from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, solve_or_regularize
+from gustproof.synthesis.hinf.regularization import solve_or_regularize
 from gustproof.synthesis.hinf.riccati_half import riccati_data, solve_riccati
 
 _AGREEMENT = 1e-6

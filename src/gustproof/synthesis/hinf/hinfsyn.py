@@ -7,12 +7,12 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti
-from gustproof.synthesis.checked_controller import CheckedController
+from gustproof.synthesis.checked_controller import ROUNDING_ERRORS, CheckedController
 from gustproof.synthesis.hinf.channels import Units, solve_in_best_units
 from gustproof.synthesis.hinf.closed_loop import loop_norm
 from gustproof.synthesis.hinf.conditions import NormalizedPlant, normalize, require_sizes
 from gustproof.synthesis.hinf.discrete_image import continuous_image, discrete_original
-from gustproof.synthesis.hinf.regularization import ROUNDING_ERRORS, solve_or_regularize
+from gustproof.synthesis.hinf.regularization import solve_or_regularize
 from gustproof.synthesis.hinf.riccati_half import RiccatiData, has_no_solution, riccati_data, solve_riccati
 
 _RESOLUTION = 1e-7

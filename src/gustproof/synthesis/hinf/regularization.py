@@ -7,6 +7,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti
+from gustproof.synthesis.checked_controller import ROUNDING_ERRORS
 from gustproof.synthesis.hinf.channels import Units, find_units, own_units
 from gustproof.synthesis.hinf.conditions import SingularProblemError
 
@@ -16,8 +17,6 @@ _NEGLIGIBLE = 1e-5
 """[-] part of the level that a smaller regularisation is not tried for."""
 _AGREEMENT = 2e-7
 """[-] relative difference of two levels that is within the resolution of their search."""
-ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
-"""Errors by which arithmetic gives up."""
 
 Found = TypeVar("Found")
 
