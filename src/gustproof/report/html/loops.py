@@ -19,6 +19,7 @@ from gustproof.report.html.charts import (
     Curve,
     CurveStyle,
     bracket_unit,
+    decibels,
     frequency_chart,
     merge_curves,
 )
@@ -67,7 +68,7 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     torque_laws = [law for law in laws if law.hover.sensitivities]
     for name in ("S", "T"):
         curves = tuple(
-            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=_decibels(law.hover.sensitivities[name]))
+            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=decibels(law.hover.sensitivities[name]))
             for law in torque_laws
         )
         marks = tuple(_peak_mark(law, name) for law in torque_laws)
@@ -86,7 +87,7 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     """Return the gain of each axis' loop, with the crossovers."""
     charts = []
     for k, axis in enumerate(_AXES):
-        gains = [_decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
+        gains = [decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
         curves = tuple(
             Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
             for law, gain in zip(laws, gains, strict=True)
@@ -114,10 +115,6 @@ def _peak_mark(law: ReportLaw, name: str) -> Mark:
 def _within(gains: Matrix) -> Matrix:
     """Return gains, NaN beyond 80 dB."""
     return np.where((gains > 1e-4) & (gains < 1e4), gains, np.nan)
-
-
-def _decibels(gains: Matrix) -> Matrix:
-    return np.asarray(20.0 * np.log10(np.maximum(gains, 1e-15)))
 
 
 def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
