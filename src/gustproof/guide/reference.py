@@ -1,9 +1,7 @@
 """Reference pages as Markdown, made from what the program itself uses: models, message tables, docstrings."""
 
-import ast
 import inspect
 import re
-import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib import import_module
@@ -79,86 +77,13 @@ def _bullets(values: Iterable[Any]) -> str:
 
 def _keys_table(table: Schema) -> str:
     rows = [(f"`{key.name}`", key.values, key.default or "must be given", key.meaning) for key in describe_keys(table)]
-    return _table(("key", "values", "default", "meaning"), rows)
-
-
-def json_fields() -> str:
-    """Return the reference of what `--json` prints."""
-    parts = [
-        "# Fields of JSON output\n\nEvery command that reports has `--json`. It prints one document on standard "
-        "output, and nothing else. Units stand at the end of the names: `_deg`, `_s`, `_nm`. Numbers that are not "
-        "finite are `null`.\n"
-    ]
-    for command, title, path in _DOCUMENTS:
-        module, _, name = path.rpartition(".")
-        kind = getattr(import_module(module), name)
-        table = _document_table(kind) if "to_dict" in vars(kind) else _attributes_table(kind, "field")
-        parts.append(f"## {title}\n\n{command}\n\n{table}")
-    return "\n".join(parts)
-
-
-_DOCUMENTS = (
-    ("`gustproof fly --json`", "A flight", "gustproof.simulate.flight.Flight"),
-    (
-        "Figures of one flight, in `fly`, `analyse` and the tables of a campaign.",
-        "Figures",
-        "gustproof.scoring.metrics.Metrics",
-    ),
-    ("An entry of `requirements`.", "A requirement", "gustproof.scoring.requirements.RequirementResult"),
-    ("`gustproof analyse --json`", "An analysis", "gustproof.analysis.analyse.Analysis"),
-    ("`gustproof judge --json`", "A judgement", "gustproof.analysis.judge.Judgement"),
-    ("`gustproof design --json`", "A design", "gustproof.synthesis.derive.DesignReport"),
-    ("`gustproof tune --json`", "A tuning", "gustproof.synthesis.tune.Tuning"),
-    (
-        "`gustproof certify --json`, for a design",
-        "A certificate of a gain",
-        "gustproof.certify.certificate.Certificate",
-    ),
-    (
-        "`gustproof certify --json`, for a law",
-        "A certificate of a flight",
-        "gustproof.certify.boundedness.FlightCertificate",
-    ),
-    ("`gustproof campaign --json`", "A campaign", "gustproof.campaign.statistics.CampaignStatistics"),
-    ("`gustproof campaign --rare --json`", "A rare event", "gustproof.campaign.rare.RareEstimate"),
-    ("`gustproof compare --json`, one entry a row", "A comparison", "gustproof.simulate.comparison.ComparisonRow"),
-    ("`gustproof check-controller --json`, an entry of `findings`", "A finding", "gustproof.simulate.findings.Finding"),
-    ("`gustproof league --json`", "A league", "gustproof.league.season.League"),
-    ("`gustproof reproduce --json`", "A reproduction", "gustproof.reproduce.run.Reproduction"),
-)
-"""Command, title and model of each document."""
-
-
-def _document_table(kind: type) -> str:
-    """Return the keys of a class's `to_dict`, each with the docstring of the attribute that it is made from."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(vars(kind)["to_dict"])))
-    outer = [node for node in ast.walk(tree) if isinstance(node, ast.Dict)]
-    inner = {child for node in outer for value in node.values for child in ast.walk(value)}
-    rows = [row for node in outer if node not in inner for row in _document_rows(node, attribute_docs(kind))]
-    return _table(("field", "meaning"), rows) if rows else _attributes_table(kind, "field")
-
-
-def _document_rows(node: ast.Dict, docs: Mapping[str, str], above: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the keys of a dictionary in source, those of dictionaries in it with the names above them."""
-    for key, value in zip(node.keys, node.values, strict=True):
-        source = re.search(r"self\.(\w+)", ast.unparse(value))
-        meaning = docs.get(source[1], "") if source else ""
-        name = f"{above}{key.value!s}" if isinstance(key, ast.Constant) else ""
-        if isinstance(value, ast.Dict):
-            yield from _document_rows(value, docs, f"{name}.")
-        elif name:
-            yield f"`{name}`", meaning
-        elif source and "asdict" in ast.unparse(value):
-            yield f"keys of `{source[1]}`", meaning
-        else:  # such as **({} if … else {"key": …})
-            for part in (part for part in ast.walk(value) if isinstance(part, ast.Dict)):
-                yield from _document_rows(part, docs, above)
+    return markdown_table(("key", "values", "default", "meaning"), rows)
 
 
 def _attributes_table(kind: type, heading: str) -> str:
     names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(getattr(kind, "_fields", ()))
     docs = attribute_docs(kind)
-    return _table((heading, "meaning"), [(f"`{name}`", docs.get(name, "")) for name in names])
+    return markdown_table((heading, "meaning"), [(f"`{name}`", docs.get(name, "")) for name in names])
 
 
 def bag_topics() -> str:
@@ -179,7 +104,7 @@ def bag_topics() -> str:
             "# Topics of a recording\n\nA flight is recorded as a rosbag2 folder with one MCAP file. ROS 2 tools, "
             "Foxglove and PlotJuggler open it. It is equal to the flight's journal bit for bit. N is north, east, "
             "down; B is forward, right, down. `/flight` and `/mode` hold what is told once and at changes.\n",
-            _table(("topic", "type", "frame", "fields of the journal"), rows),
+            markdown_table(("topic", "type", "frame", "fields of the journal"), rows),
             *(f"## {name}\n\n```text\n{text.strip()}\n```\n" for name, text in own.items()),
         ]
     )
@@ -220,11 +145,11 @@ def mavlink_messages() -> str:
             "[The protocol page](protocol.md) tells what a controller sends when. Parameters are listed by "
             "`gustproof autopilot --params`.\n",
             "## Messages that the vehicle sends\n",
-            _table(("message", "id", "interval by default", "fields"), sent),
+            markdown_table(("message", "id", "interval by default", "fields"), sent),
             "## Messages that it reads\n",
-            _table(("message", "id", "fields"), read),
+            markdown_table(("message", "id", "fields"), read),
             "## Commands that it obeys or refuses with a reason\n",
-            _table(("command", "id", "meaning in MAVLink"), commands),
+            markdown_table(("command", "id", "meaning in MAVLink"), commands),
         ]
     )
 
@@ -244,7 +169,7 @@ def python_api() -> str:
     parts = [
         "# Python API\n\nAll names are imported from `gustproof`. The examples are run by the tests. "
         "[The library page](library.md) shows a whole way through them.\n",
-        _table(
+        markdown_table(
             ("name", "purpose"),
             [(f"[`{name}`](#{name.lower()})", _first_line(getattr(gustproof, name))) for name in names],
         ),
@@ -253,7 +178,7 @@ def python_api() -> str:
         value = getattr(gustproof, name)
         parts.append(f"## {name}\n\n```python\n{_signature(name, value)}\n```\n\n{_docstring(value.__doc__ or '')}")
         if inspect.isclass(value) and (rows := list(_class_rows(value))):
-            parts.append(_table(("attribute", "meaning"), rows))
+            parts.append(markdown_table(("attribute", "meaning"), rows))
     return "\n".join(parts)
 
 
@@ -319,7 +244,7 @@ def command_options(commands: Mapping[str, Any], context: Callable[[str, Any], A
         if name in helps:
             parts.append(f"```text\n{helps[name].strip()}\n```\n")
         elif rows:
-            parts.append(_table(("option", "default", "meaning"), rows))
+            parts.append(markdown_table(("option", "default", "meaning"), rows))
     return "\n".join(parts)
 
 
@@ -344,7 +269,8 @@ def _help_text(text: str) -> str:
     return "\n".join(shown[:-1])
 
 
-def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of Markdown; line breaks and bars in cells are mended."""
     lines = [heading, ["---"] * len(heading), *rows]
     return "".join(f"| {' | '.join(_plain(cell).replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
