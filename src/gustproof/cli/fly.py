@@ -132,7 +132,6 @@ def fly(
     """
     from gustproof.recording.folder import make_run_folder, unless_refused
     from gustproof.simulate.flight import FlightPlan
-    from gustproof.simulate.guest import ForeignAutopilot
     from gustproof.simulate.outcome import FlightOutcome
 
     table_run = _find_run(context, run, scenario, law) if run and not repeat else None
@@ -141,6 +140,8 @@ def fly(
     elif repeat:
         plan = _load_plan(context, repeat)
     elif autopilot:
+        from gustproof.simulate.guest import ForeignAutopilot
+
         refuse_given(context, ("controller",), "--autopilot flies")
         chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
         plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
@@ -192,9 +193,7 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
-    from gustproof.simulate.checkup import is_cold
     from gustproof.simulate.flight import FlightPlan
-    from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
     pilot = plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
     if not quiet:
@@ -207,6 +206,11 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool
 
             page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
+        # Loaded while the page's reader looks for Start.
+        from gustproof.simulate.checkup import is_cold
+        from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
+
+        if page:
             page.wait()
         shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
         watch = page.watch if page else None

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
@@ -73,6 +72,8 @@ def save_mat(law: Law, path: Path) -> None:
     ...     load_mat(Path(folder) / "law.mat").name
     'pid-fair'
     """
+    import scipy.io  # here and below: each command reads a law, few a MATLAB file
+
     scipy.io.savemat(path, _tables(law) | _metadata(law), appendmat=False)
 
 
@@ -94,6 +95,8 @@ def load_mat(path: Path) -> Law:
     ...     load_mat(Path(folder) / "law.mat").order
     9
     """
+    import scipy.io
+
     try:
         file: Any = BytesIO(_unpacked(read_bytes(path, TEXT)))
         for name, shape, kind in scipy.io.whosmat(file):
