@@ -244,10 +244,9 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
         follows = low < zero < (1.0 + _RESOLUTION) * high
         # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
         least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
+        level = low + _BEYOND_MISS * width if trusted and missed else middle
         if follows:
             level = min(max(zero, least), most)
-        else:
-            level = low + _BEYOND_MISS * width if trusted and missed else middle
         margin = _margin(halves, level)
         low, high = (low, level) if margin > 0.0 else (level, high)
         seen.append((level, margin))
