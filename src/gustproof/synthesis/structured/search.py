@@ -18,6 +18,10 @@ _HALVINGS = 30
 _STALL = 20
 """Number of steps over which progress is measured."""
 _CYCLES, _JOINT_STEPS = 6, 40
+_FIRST_METRICS = 2
+"""Number of first metrics that are tried in turn."""
+_FIRST_STEP, _LEAST_SHARE = 0.1, 1e-3
+"""[-] relative size of the first step, and part of the largest parameter as which smaller ones count in it."""
 _NEAR = 0.05
 """[-] branches within this fraction of the largest are lowered together."""
 _CYCLE_GAIN = 1e-4
@@ -81,8 +85,8 @@ def minimize(
     """
     least, value = np.inf, function.value(theta)
     for _ in range(_CYCLES):
-        for most, near in ((steps, 0.0), (_JOINT_STEPS, _NEAR)):
-            theta, value = _bfgs(function, theta, value, most, near, tolerance, stop_below)
+        theta, value, metric = _bfgs(function, theta, value, steps, tolerance, stop_below, None)
+        theta, value, _ = _bfgs(function, theta, value, _JOINT_STEPS, tolerance, stop_below, metric)
         if value <= stop_below or least - value <= _CYCLE_GAIN * abs(value):
             break
         least = value
@@ -90,11 +94,22 @@ def minimize(
 
 
 def _bfgs(
-    function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, stop_below: float
-) -> tuple[Matrix, float]:
-    """Return parameters and value after quasi-Newton steps on the branches within `near` of the largest."""
-    history, fresh, W = [value], True, np.eye(theta.size)
-    branches = function.branches(theta, near)
+    function: Function,
+    theta: Matrix,
+    value: float,
+    steps: int,
+    tolerance: float,
+    stop_below: float,
+    metric: Matrix | None,
+) -> tuple[Matrix, float, Matrix]:
+    """Return parameters, value and metric after quasi-Newton steps on the largest branch.
+
+    With the `metric` of steps before, all nearly active branches are lowered together instead. A metric that has become
+    stale is replaced by a first one.
+    """
+    history, near = [value], 0.0 if metric is None else _NEAR
+    branches, fresh = function.branches(theta, near), int(metric is None)  # first metrics tried in turn
+    W = _first_metric(theta, branches, 0) if metric is None else metric
     for _ in range(steps):
         if value <= stop_below or not branches:
             break
@@ -102,20 +117,33 @@ def _bfgs(
         direction = -W @ gradient
         found = _weak_wolfe(function, theta, value, direction, gradient, stop_below)
         if found is None:
-            if fresh:
+            if fresh == _FIRST_METRICS:
                 break
-            W, fresh = np.eye(theta.size), True  # the metric is stale: restart with steepest descent
+            W, fresh = _first_metric(theta, branches, fresh), fresh + 1
             continue
         length, value = found
         theta = theta + length * direction
         branches = function.branches(theta, near)
         if branches:
-            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh)
-        fresh = False
+            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh > 0)
+        fresh = 0
         history.append(value)
         if len(history) > _STALL and history[-1 - _STALL] - value <= tolerance * abs(value):
             break
-    return theta, value
+    return theta, value, W
+
+
+def _first_metric(theta: Matrix, branches: list[Branch], tried: int) -> Matrix:
+    """Return a metric whose first step is a tenth of the parameters, by size in the metric.
+
+    It is that of relative changes of the parameters, which may be of very different sizes; if that was `tried`, of
+    absolute ones.
+    """
+    squares = theta**2 + (_LEAST_SHARE * np.max(np.abs(theta))) ** 2
+    if tried or not np.any(squares):
+        squares = np.full(theta.size, float(theta @ theta) or 1.0)
+    slope = float(branches[0].gradient @ (squares * branches[0].gradient)) if branches else 0.0
+    return np.diag(_FIRST_STEP * squares / (np.sqrt(slope) if slope > 0.0 else 1.0))
 
 
 def _weak_wolfe(
