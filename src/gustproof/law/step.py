@@ -2,9 +2,9 @@
 
 One vector holds all summands of a step. They are states, measurements and references, Euler rates of the law's own
 estimates, saturation excess, excess of the rate commanded from attitude, and outputs of a schedule. The sums are the
-inputs of a schedule, the three rates of a law that limits them, the three commands, and the next states. On every route each sum takes its terms in the order of that
-vector, and leaves out those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and
-changes no bit.
+inputs of a schedule, the three rates of a law that limits them, the three commands, and the next states. On every route
+each sum takes its terms in the order of that vector, and leaves out those whose coefficient is 0. So a limit that is
+not reached adds 0 at the end of a sum and changes no bit.
 """
 
 import math
@@ -26,7 +26,7 @@ FORCE, RATES, SATURATION, RATE_EXCESS, ZERO, EXTRA_SIZE = 6, 9, 12, 15, 18, 19
 count of the numbers after the states. A law that reads the accelerometer has roll and pitch in place of the force. Of a
 law with a schedule its k outputs follow, and (k, k) numbers of work space."""
 _OFFSET, _LIMIT, _FACTOR, SCHEDULE_SIZE = 0, 1, 2, 3
-"""Columns of `SparseLaw.schedule` before L: offset of the parameter in the vector, its limit, factor to |delta| <= 1."""
+"""Columns of `SparseLaw.schedule` before L: offset of the parameter in the vector, its limit, factor to [-1, 1]."""
 _NONE: Matrix = np.zeros((0, 0))
 TERM_BLOCK = 4
 """Each sum has a multiple of this many terms, so that four are added at once."""

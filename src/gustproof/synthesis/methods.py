@@ -84,7 +84,9 @@ def solve_mu(
     return replace(result, checks=(*result.checks, _describe_proof(certificate)))
 
 
-def solve_lpv(design: Design, problem: Interconnection, *, envelope: Envelope) -> LftController:
+def solve_lpv(
+    design: Design, problem: Interconnection, *, envelope: Envelope, progress: Callable[[float, str], None]
+) -> LftController:
     """Return the controller of least L2 gain over an envelope that is scheduled on attitude and rates.
 
     Its states estimate attitude and rates, as those of a central controller. `certify_lft` proves the gain of the loop
@@ -96,8 +98,10 @@ def solve_lpv(design: Design, problem: Interconnection, *, envelope: Envelope) -
         If the design commands rates, has a reference or an accelerometer, or the inequalities have no solution.
     """
     plant = uncertain_plant(design, problem, envelope)
+    progress(0.0, "matrix inequalities")
     result = lpvsyn(plant, problem.n_meas, problem.n_con, backoff=design.backoff)
     assert isinstance(result, LftController)  # the plant is an LFT
+    progress(0.2, f"level {result.gamma:.4g}, proving the gain")
     certificate = certify_lft(star(plant, result.scheduled, problem.n_meas, problem.n_con), assumes={})
     return replace(result, checks=(*result.checks, _describe_proof(certificate)))
 
