@@ -1,9 +1,11 @@
 """`gustproof design`: each method's law, what is printed of it, and options that a method does not take."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -11,10 +13,13 @@ from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate
 from gustproof.cli.app import app
 from gustproof.law.form import load_law
+from gustproof.lti.state_space import Lti
+from gustproof.model.lft import Uncertain
 from gustproof.synthesis import methods
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
+from gustproof.synthesis.lpv.lpvsyn import LftController
 
 
 def run(*arguments: str):
@@ -73,9 +78,85 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
     assert (figures["law"], figures["gamma"]) == ("D2-musyn", 3.0)
 
 
+@pytest.fixture
+def scheduled(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Let `lpv` find the central controller with two small terms in q at once; return what it is asked."""
+    asked: dict[str, Any] = {}
+
+    def lpvsyn(plant: Any, n_meas: int, n_con: int, **options: Any) -> LftController:
+        K = derive(load_design("D2"))[1].result.controller
+        block = next(block for block in plant.blocks if block.name == "q")
+        M = Lti(
+            A=K.A,
+            B=np.hstack([1e-3 * np.eye(9, 1), K.B]),
+            C=np.vstack([np.eye(1, 9, 3), K.C]),
+            D=np.pad(K.D, ((1, 0), (1, 0))),
+        )
+        asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
+        lft = Uncertain(M=M, blocks=(replace(block, repeats=1),))
+        return LftController(
+            controller=lft.nominal_system(), gamma=0.4, norm=0.3, omega=1.0, checks=(), gamma_opt=0.2, scheduled=lft
+        )
+
+    monkeypatch.setattr(methods, "lpvsyn", lpvsyn)
+    return asked
+
+
+def test_lpv_designs_a_law_with_a_schedule_whose_gain_is_proved_from_its_file(
+    scheduled: dict[str, Any], tmp_path: Path
+):
+    path = tmp_path / "turned.json"
+    envelope = ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
+    figures = told("D2", "--method", "lpv", *envelope, "--backoff", "1.1", "-o", str(path))
+    assert (scheduled["backoff"], scheduled["sizes"]) == (1.1, (3, 3))
+    assert sorted(scheduled["blocks"]) == ["q", "r", "t", "v"]
+    assert "proven exactly: the L2 gain from w to z is below" in figures["checks"][-1]
+    assert (figures["law"], figures["scheduled"], figures["gamma_opt"]) == ("D2-lpv", True, 0.2)
+    law = load_law(path)
+    assert law.schedule is not None
+    assert (law.schedule.parameters, law.schedule.limits.tolist()) == (("q",), [0.05])
+    assert law.rate_limit is not None
+    certified = CliRunner().invoke(app, ["certify", str(path), *envelope, "--json"])
+    assert certified.exit_code == 0, certified.output
+    assert str(json.loads(certified.stdout)["gain"])[:5] in figures["checks"][-1]
+    for options, words in (
+        (("--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
+        ((*envelope, "--check", "none.json"), "--check takes the certificate of a law file's gain alone"),
+        ((), "is scheduled on attitude and rates, the proof is about laws without schedule"),
+    ):
+        refused = CliRunner().invoke(app, ["certify", str(path), *options])
+        assert refused.exit_code == 2, refused.output
+        assert words in refused.output
+
+
+def test_a_gain_is_of_a_law_file_with_a_schedule_from_a_shipped_design(make_law: Any, turn: Any, tmp_path: Path):
+    for law, words in (
+        (load_law("hinf-d2"), "has no schedule; give the design"),
+        (turn(load_law("hinf-d2")), "no shipped design"),
+    ):
+        named = replace(law, provenance=replace(law.provenance, design="mine: own weights"))
+        named.save(tmp_path / "law.json")
+        arguments = ["certify", str(tmp_path / "law.json"), "--angle-rad", "0.1", "--rate-rad-s", "0.1"]
+        refused = CliRunner().invoke(app, arguments)
+        assert refused.exit_code == 2
+        assert words in refused.output
+
+
+def test_hinfstruct_keeps_the_decay_and_size_that_are_asked_for():
+    figures = told(
+        "D1", "--method", "hinfstruct", "--order", "3", "--starts", "1", "--decay", "0.03", "--max-gain", "9"
+    )
+    assert "decay" in " ".join(figures["checks"])
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("D2", "--method", "lpv"), "--method lpv needs --angle-rad and --rate-rad-s"),
+        (("R1", "--method", "lpv", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
+        (("D2", "--method", "hinfstruct", "--order", "3", "--decay", "0"), "--decay: is 0.0, must be positive"),
+        (("D2", "--method", "hinfstruct", "--order", "3", "--max-gain", "inf"), "--max-gain: is inf, must be positive"),
+        (("D2", "--decay", "1"), "--decay cannot be given with it"),
         (("D2", "--method", "ncfsyn", "--order", "3"), "--order cannot be given with it"),
         (("D2", "--method", "h2syn", "--gamma", "1"), "--gamma cannot be given with it"),
         (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
