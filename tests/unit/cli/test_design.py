@@ -11,7 +11,9 @@ from typer.testing import CliRunner
 
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate
+from gustproof.certify.gain import l2_gain
 from gustproof.cli.app import app
+from gustproof.errors import DesignError
 from gustproof.law.form import load_law
 from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain
@@ -20,6 +22,7 @@ from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.lpv.lpvsyn import LftController
+from gustproof.synthesis.structured import fixed_order
 
 
 def run(*arguments: str):
@@ -66,11 +69,8 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
         asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
         return CheckedController(controller=central.controller, gamma=3.0, norm=2.0, omega=1.0, checks=("stable",))
 
-    certificate = Certificate(
-        statement="the gain is below 3", gain=3.0, lower_bound=2.0, proven=True, assumes={}, evidence={}, residual=0.0
-    )
     monkeypatch.setattr(methods, "musyn", musyn)
-    monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: certificate)
+    monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: CERTIFICATE)
     figures = told("D2", "--method", "musyn", "--angle-rad", "0.3", "--rate-rad-s", "0.5")
     assert (asked["measure"], asked["sizes"]) == ("l2gain", (3, 3))
     assert sorted(asked["blocks"]) == ["q", "r", "t", "v"]
@@ -102,23 +102,40 @@ def scheduled(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return asked
 
 
-def test_lpv_designs_a_law_with_a_schedule_whose_gain_is_proved_from_its_file(
-    scheduled: dict[str, Any], tmp_path: Path
+CERTIFICATE = Certificate(
+    statement="the gain is below 3", gain=3.0, lower_bound=2.0, proven=True, assumes={}, evidence={}, residual=0.0
+)
+
+
+def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the_file(
+    scheduled: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
-    path = tmp_path / "turned.json"
-    envelope = ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
+    loops: list[Uncertain] = []
+
+    def certify_lft(loop: Uncertain, **_: Any) -> Certificate:
+        loops.append(loop)
+        return CERTIFICATE
+
+    monkeypatch.setattr(methods, "certify_lft", certify_lft)
+    monkeypatch.setattr(l2_gain, "certify_lft", certify_lft)
+    path, envelope = tmp_path / "turned.json", ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
     figures = told("D2", "--method", "lpv", *envelope, "--backoff", "1.1", "-o", str(path))
     assert (scheduled["backoff"], scheduled["sizes"]) == (1.1, (3, 3))
     assert sorted(scheduled["blocks"]) == ["q", "r", "t", "v"]
-    assert "proven exactly: the L2 gain from w to z is below" in figures["checks"][-1]
+    assert figures["checks"] == ["proven exactly: the gain is below 3"]
     assert (figures["law"], figures["scheduled"], figures["gamma_opt"]) == ("D2-lpv", True, 0.2)
     law = load_law(path)
     assert law.schedule is not None
     assert (law.schedule.parameters, law.schedule.limits.tolist()) == (("q",), [0.05])
     assert law.rate_limit is not None
-    certified = CliRunner().invoke(app, ["certify", str(path), *envelope, "--json"])
+    certified = CliRunner().invoke(app, ["certify", str(path), "--angle-rad", "0.005", "--rate-rad-s", "0.025"])
     assert certified.exit_code == 0, certified.output
-    assert str(json.loads(certified.stdout)["gain"])[:5] in figures["checks"][-1]
+    designed, read = loops
+    for delta in designed.samples(2, 1):
+        half = {name: (2.0 if name in "qr" else 1.0) * value for name, value in delta.items()}
+        whole = {name: value for name, value in delta.items() if name in "qr"}
+        own, other = designed.substitute(whole), read.substitute({name: half[name] for name in whole})
+        np.testing.assert_allclose(other.response([0.5, 20.0]), own.response([0.5, 20.0]), rtol=1e-6, atol=1e-9)
     for options, words in (
         (("--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
         ((*envelope, "--check", "none.json"), "--check takes the certificate of a law file's gain alone"),
@@ -142,11 +159,18 @@ def test_a_gain_is_of_a_law_file_with_a_schedule_from_a_shipped_design(make_law:
         assert words in refused.output
 
 
-def test_hinfstruct_keeps_the_decay_and_size_that_are_asked_for():
-    figures = told(
-        "D1", "--method", "hinfstruct", "--order", "3", "--starts", "1", "--decay", "0.03", "--max-gain", "9"
-    )
-    assert "decay" in " ".join(figures["checks"])
+def test_hinfstruct_is_asked_for_the_decay_and_the_size(monkeypatch: pytest.MonkeyPatch):
+    asked: list[Any] = []
+
+    def hinfstruct(*_: Any, hard_goals: Any, **__: Any) -> Any:
+        asked.extend(hard_goals)
+        raise DesignError("no more is asked")
+
+    monkeypatch.setattr(fixed_order, "hinfstruct", hinfstruct)
+    refused = run("D1", "--method", "hinfstruct", "--order", "3", "--decay", "0.02", "--max-gain", "9")
+    assert (refused.exit_code, refused.output) == (2, "gustproof: no more is asked\n")
+    decay, size = asked
+    assert (decay.minimum, size.limit, size.entries) == (0.02, 9.0, False)
 
 
 @pytest.mark.parametrize(
