@@ -14,7 +14,7 @@ from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.cli import options
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
-from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
+from gustproof.law.form import Law, Output, Provenance, RateLimit, Schedule, load_law
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
@@ -57,6 +57,20 @@ def slow_machine_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
 def make_law() -> Callable[..., Law]:
     """Return what makes a law of random numbers, of `n` states and six or eight measurements."""
     return _law
+
+
+@pytest.fixture
+def turn() -> Callable[..., Law]:
+    """Return what gives a law a schedule of random numbers of some size."""
+    return _turn
+
+
+def _turn(law: Law, size: float = 0.3) -> Law:
+    rng, (n, m) = np.random.default_rng(7), law.B.shape
+    shapes = {"J": (4, n), "K": (4, m), "L": (4, 4), "P": (3, 4), "Q": (n, 4)}
+    parts = {name: size * rng.uniform(-1.0, 1.0, shape) for name, shape in shapes.items()}
+    limits, parameters = np.array([0.3, 0.2, 0.5, 0.5]), ("phi", "theta", "r", "r")
+    return replace(law, schedule=Schedule(parameters=parameters, limits=limits, **parts))
 
 
 def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6, limited: bool = False) -> Law:

@@ -13,7 +13,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording import journal
 from firmware_model.session.vehicle_endpoint import HEARTBEAT_US, VehicleEndpoint
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
-from gustproof.law.form import FORMAT, Law, Provenance, RateLimit
+from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
 from gustproof.recording.definitions import COMMAND_AGE, FLIGHT, MODE, definition, rotors_message
 from gustproof.recording.topics import ESTIMATE_TOPICS, TOPICS
 
@@ -50,7 +50,12 @@ def law_keys() -> str:
         + "\n```\n\n`y` is gyro p, q, r [rad/s] and reference phi, theta, psi [rad]. With an accelerometer, roll and "
         "pitch by gravity [rad] follow.\n"
     ]
-    for title, kind in (("The law", Law), ("rate_limit", RateLimit), ("provenance", Provenance)):
+    for title, kind in (
+        ("The law", Law),
+        ("rate_limit", RateLimit),
+        ("schedule", Schedule),
+        ("provenance", Provenance),
+    ):
         parts.append(f"## {title}\n\n{_attributes_table(kind, 'key')}")
     return "\n".join(parts)
 

@@ -148,7 +148,7 @@ def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases
         scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
-        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, len(mix)),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)

@@ -29,11 +29,14 @@ from gustproof.law.step import (
     RATE_EXCESS,
     RATES,
     SATURATION,
+    SCHEDULE_SIZE,
     TERM_BLOCK,
     SparseLaw,
     euler_rates,
     rate_excess,
+    share_of_limit,
     tilt,
+    vector_size,
 )
 from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
 from gustproof.scoring.requirements import read_kernel
@@ -91,7 +94,7 @@ class Batch(NamedTuple):
     torque_limit: Array
     """(3 * LANES,) [N*m] B."""
     z: Array
-    """(n + EXTRA_SIZE, LANES) vectors that the law sums, see `law.step`."""
+    """(`vector_size`, LANES) vectors that the law sums, see `law.step`."""
     work: Array
     """(n, LANES) next states of the law."""
     commands: Array
@@ -122,10 +125,10 @@ def _zeros(count: int) -> Array:
     return aligned_zeros(count * LANES).reshape(count, LANES)
 
 
-def allocate_batch(law: Law | Library, delay: int, seeds: int) -> dict[str, Any]:
-    """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
+def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int) -> dict[str, Any]:
+    """Return the initial fields of a `Batch` for a law, its terms, whose commands act `delay` samples late."""
     drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
-    z, each = _zeros(law.order + EXTRA_SIZE), np.zeros((LANES, law.order + _STEP_SIZE))
+    z, each = _zeros(vector_size(terms, law.order)), np.zeros((LANES, law.order + _STEP_SIZE))
     if isinstance(law, Library):
         z[: law.order], each[:, : law.order] = law.initial_state()[:, None], law.initial_state()
     ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
@@ -288,14 +291,18 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
 @kernel
 def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     """Do the work of `law_kernel`, each flight's sums in the same order."""
-    n, begin, k = work.shape[0], 0, 0
+    n, begin = work.shape[0], 0
+    k = law.schedule.shape[0]
     if law.is_levelled:
         for w in range(LANES):
             force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
             roll, pitch = tilt(force, (z[0, w], z[1, w]))
             z[n + FORCE, w], z[n + FORCE + 1, w] = roll, pitch
-    if law.ends.size > 3 + n:
-        k, begin = 3, _limit_rates(law, z, n)
+    if k > 0:
+        begin = _schedule(law, z, n)
+    if law.ends.size > k + 3 + n:
+        begin = _limit_rates(law, z, n, k)
+        k += 3
     for i in range(3):
         _sum(law.terms, begin, law.ends[k + i], z, commands[i])
         limit = law.limits[i]
@@ -330,15 +337,53 @@ def _step_each(step: int, batch: Batch) -> None:
 
 
 @kernel
-def _limit_rates(law: SparseLaw, z: Array, n: int) -> int:
-    """Write the excess of the rates commanded from attitude, mostly 0; return the end of their terms."""
-    begin, limited = 0, False
+def _schedule(law: SparseLaw, z: Array, n: int) -> int:
+    """Write the outputs of a schedule, as `law.step` does; return the end of the terms of its inputs."""
+    rows, begin = law.schedule, 0
+    k, at = rows.shape[0], n + EXTRA_SIZE
+    m = at + k
+    for i in range(k):
+        source, limit, factor = int(rows[i, 0]), rows[i, 1], rows[i, 2]
+        _sum(law.terms, begin, law.ends[i], z, z[at + i])
+        begin = law.ends[i]
+        # the last row of the work space is filled last: until then it holds delta
+        delta = z[m + k * k - 1]
+        for w in range(LANES):
+            delta[w] = share_of_limit(z[source, w], limit, factor, source < n)
+            z[at + i, w] = delta[w] * z[at + i, w]
+        for j in range(k):
+            one, of_delta = 1.0 if i == j else 0.0, rows[i, SCHEDULE_SIZE + j]
+            for w in range(LANES):
+                z[m + i * k + j, w] = one - delta[w] * of_delta
+    for c in range(k):
+        for i in range(c + 1, k):
+            share = z[m + i * k + c]  # below the diagonal nothing is read again
+            for w in range(LANES):
+                share[w] = share[w] / z[m + c * k + c, w]
+            for j in range(c + 1, k):
+                for w in range(LANES):
+                    z[m + i * k + j, w] -= share[w] * z[m + c * k + j, w]
+            for w in range(LANES):
+                z[at + i, w] -= share[w] * z[at + c, w]
+    for i in range(k - 1, -1, -1):
+        for j in range(i + 1, k):
+            for w in range(LANES):
+                z[at + i, w] -= z[m + i * k + j, w] * z[at + j, w]
+        for w in range(LANES):
+            z[at + i, w] /= z[m + i * k + i, w]
+    return int(begin)
+
+
+@kernel
+def _limit_rates(law: SparseLaw, z: Array, n: int, first: int) -> int:
+    """Write the excess of the rates commanded from attitude, mostly 0; their sums begin with the `first`."""
+    begin, limited = 0 if first == 0 else law.ends[first - 1], False
     for i in range(3):
         rates, limit, angle = z[n + RATE_EXCESS + i], law.rate_limits[i], law.attitude_limits[i]
-        _sum(law.terms, begin, law.ends[i], z, rates)
+        _sum(law.terms, begin, law.ends[first + i], z, rates)
         for w in range(LANES):
             limited |= not (abs(rates[w]) <= limit and abs(z[i, w]) <= angle)
-        begin = law.ends[i]
+        begin = law.ends[first + i]
     if limited:
         for w in range(LANES):
             rates_w = (z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, RateLimit, list_laws, load_law
+from gustproof.law.form import Law, RateLimit, Schedule, list_laws, load_law
 from gustproof.law.io.c import c_name, c_unit, save_c
 from gustproof.law.step import sparse_law, step
 
@@ -51,7 +51,15 @@ def coupled_law() -> Law:
     parts["A"][4, 4], parts["D"][2, 2], parts["C"][2, 5], parts["B"][0, 0] = 1.0 / 3.0, -1.0, 1.0, 1e-300
     # at x = 0, y = -0.0 each product of the first command is -0.0, the command is not
     parts["C"][0], parts["D"][0] = -np.abs(parts["C"][0]), np.abs(parts["D"][0])
-    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), rate_limit=limit, **parts)
+    names = ("phi", "theta", "p", "q", "r", "phi")
+    sizes = {"J": (6, COUPLED), "K": (6, 8), "L": (6, 6), "P": (3, 6), "Q": (COUPLED, 6)}
+    turn = Schedule(
+        parameters=names,
+        limits=np.array([0.3, 0.1, 0.5, 1.0, 0.7, 3.0]),
+        **{name: rng.uniform(-0.2, 0.2, shape) for name, shape in sizes.items()},
+    )
+    both = {"rate_limit": limit, "schedule": turn}
+    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), **both, **parts)
 
 
 def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -> Path:
