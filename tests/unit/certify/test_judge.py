@@ -5,6 +5,7 @@ the judge has a figure that moves with it. `python tests/unit/certify/test_judge
 change is meant; its commit says why.
 """
 
+import hashlib
 import json
 import math
 from collections.abc import Iterator
@@ -17,7 +18,9 @@ import numpy as np
 import pytest
 
 from gustproof.certify.check import (
+    dissipation,
     estimate_box,
+    evidence,
     flight_box,
     kernel_norms,
     single_precision,
@@ -256,6 +259,113 @@ def figures_of_claim() -> Figures:
         yield name, [words, case, *flight_box.describe(spread, made)]
 
 
+# -- the inequalities of a gain --
+
+
+def sample_matrix(rows: int, columns: int, seed: int, unit: float = 16.0) -> list[list[float]]:
+    """Return small round numbers, no two rows or columns alike, not symmetric."""
+    return [[((7 * i + 5 * j + 11 * seed + i * j) % 13 - 6) / unit for j in range(columns)] for i in range(rows)]
+
+
+def symmetric(size: int, seed: int) -> list[list[float]]:
+    M = sample_matrix(size, size, seed, 64.0)
+    return [[M[i][j] + M[j][i] + (i == j) * (1.5 + 0.25 * i) for j in range(size)] for i in range(size)]
+
+
+def skew(size: int, seed: int) -> list[list[float]]:
+    M = sample_matrix(size, size, seed, 64.0)
+    return [[M[i][j] - M[j][i] for j in range(size)] for i in range(size)]
+
+
+def lft_evidence(k: int) -> dict[str, Any]:
+    """Return a system of three states, `k` channels of Delta, two w and two z, in other coordinates."""
+    sizes = {"A": (3, 3), "B": (3, k + 2), "C": (k + 2, 3), "D": (k + 2, k + 2)}
+    system_of = {name: sample_matrix(*size, seed) for seed, (name, size) in enumerate(sizes.items())}
+    return {"system": system_of, "coordinates": [[2.0, 0.5, -0.25], [0.0, 1.0, 0.5], [0.0, 0.0, 0.5]]}
+
+
+def real_block(name: str, size: int, seed: int) -> dict[str, Any]:
+    return {"name": name, "size": size, "D": symmetric(size, seed), "G": skew(size, seed)}
+
+
+def gain_evidence() -> dict[str, Any]:
+    return {**lft_evidence(3), "P": symmetric(3, 4), "blocks": [real_block("a", 1, 5), real_block("b", 2, 6)]}
+
+
+def slow_evidence() -> dict[str, Any]:
+    speeds = {"a": (1, 0.75), "b": (2, None), "c": (1, 1.25)}
+    blocks = [{"name": name, "size": size, "speed": speed} for name, (size, speed) in speeds.items()]
+    scalings = [[real_block("", size, v + s) for s, (size, _) in enumerate(speeds.values())] for v in range(16)]
+    return {
+        **lft_evidence(4),
+        "P": [symmetric(3, seed) for seed in range(4)],
+        "Y": sample_matrix(2, 9, 8),
+        "blocks": blocks,
+        "vertices": [[{key: item[key] for key in "DG"} for item in vertex] for vertex in scalings],
+    }
+
+
+PARTS: list[dict[str, Any]] = [
+    {
+        "name": "s",
+        "size": 2,
+        "kind": "slope",
+        "odd": True,
+        "poles": [0.5],
+        "T": [2.0, 1.5],
+        "causal": [[0.25, -0.5]],
+        "anticausal": [[0.125, 0.0625]],
+    },
+    real_block("r", 1, 3),
+    {"name": "v", "size": 1, "kind": "varying delay", "largest": 0.5, "X": [[1.25]]},
+    {
+        "name": "d",
+        "size": 1,
+        "kind": "delay",
+        "largest": 0.25,
+        "poles": [2.0],
+        "X": symmetric(2, 1),
+        "Y": symmetric(2, 2),
+    },
+    {"name": "c", "size": 1, "kind": "sector", "T": [0.75]},
+]
+
+
+def constrained_evidence() -> dict[str, Any]:
+    """Return a loop of all kinds of parts; each sees at once the outputs of earlier ones, but for the varying delay."""
+    evidence = lft_evidence(6)
+    D = evidence["system"]["D"]
+    for row, first in ((0, 0), (1, 0), (3, 0), (4, 4), (5, 5)):
+        D[row][first:6] = [0.0] * (6 - first)
+        D[row][2] = 0.0
+    D[3] = [0.0] * 8
+    states = 3 + 4 + 5
+    coordinates = [[float(i == j) + (j == i + 1) * 0.5 for j in range(states)] for i in range(states)]
+    return {
+        **evidence,
+        "coordinates": coordinates,
+        "P": symmetric(states, 3),
+        "stability": symmetric(states, 5),
+        "blocks": PARTS,
+    }
+
+
+def weighed(form: dissipation.Ball) -> list[list[Fraction]]:
+    """Return a number for each row of middle and radius, which any of its entries moves."""
+    return [[sum(((j + 1) * value for j, value in enumerate(row)), Fraction(0)) for row in half] for half in form]
+
+
+def figures_of_inequalities() -> Figures:
+    level, shares = Fraction(5, 4), {"exact": Fraction(0), "wide": Fraction(1, 64)}
+    for name, share in shares.items():
+        yield f"gain, {name}", weighed(dissipation.gain_inequality(level, gain_evidence(), share))
+        slow = dissipation.rate_bounded_inequalities(level, slow_evidence(), share)
+        yield f"slow gain, {name}", [weighed(form) for form in slow]
+        constrained = constrained_evidence()
+        yield f"constrained gain, {name}", weighed(dissipation.gain_inequality(level, constrained, share))
+        yield f"stability, {name}", weighed(dissipation.stability_inequality(constrained, share))
+
+
 def figures_by_kind(output: str) -> dict[str, Figures]:
     return {
         f"system of {output}": figures_of_system(output),
@@ -270,7 +380,12 @@ def figures(output: str | None = None) -> dict[str, Figures]:
     """Return the figures by part of the judge: of one kind of law, or of what does not depend on it."""
     if output is not None:
         return figures_by_kind(output)
-    return {"rational": figures_of_rational(), "drift": figures_of_drift(), "claim": figures_of_claim()}
+    return {
+        "rational": figures_of_rational(),
+        "drift": figures_of_drift(),
+        "claim": figures_of_claim(),
+        "inequalities": figures_of_inequalities(),
+    }
 
 
 def assert_alike(found: Any, pinned: Any, where: str) -> None:
@@ -631,6 +746,8 @@ def test_what_is_no_finite_number_is_refused(value):
     ("changes", "words"),
     [
         ({"part": 0.0}, "part is 0.0"),
+        ({"part": 1.0 + 2.0**-52}, "part is 1.0"),
+        ({"noise": -1e-9}, "noise is -1e-09, must not be negative"),
         ({"risk": 1.0}, "risk is 1.0"),
         ({"risk": 9e-13}, "risk is 9e-13"),
         ({"risk": 0.0}, "risk is 0.0"),
@@ -642,6 +759,7 @@ def test_what_is_no_finite_number_is_refused(value):
         ({"inertia_spread": -(2.0**-50)}, "a spread is a share"),
         ({"lag_spread": -(2.0**-50)}, "a spread is a share"),
         ({"cells": [1, 65]}, "must be 1 to 64"),
+        ({"cells": [0, 1]}, "must be 1 to 64"),
         ({"cells": [1]}, "must be two whole numbers"),
         ({"cells": [1, True]}, "must be whole numbers"),
         ({"slope": [0.0, 0.0, 0.0]}, "belongs to moments of class"),
@@ -883,6 +1001,349 @@ def test_roundings_that_are_not_small_are_refused():
     assert single_precision._is_below([[Fraction(1), Fraction(2)]], [[Fraction(1), Fraction(2)]])
     assert not single_precision._is_below([[Fraction(1), Fraction(2)]], [[Fraction(1), Fraction(1)]])
     assert not single_precision._is_below([[Fraction(0)], [Fraction(2)]], [[Fraction(1)], [Fraction(1)]])
+
+
+# -- the inequalities --
+
+
+def ball(middle: list[list[Any]], radius: list[list[Any]]) -> dissipation.Ball:
+    return dissipation.Ball(*([[Fraction(value) for value in row] for row in half] for half in (middle, radius)))
+
+
+def test_a_ball_is_definite_where_its_proof_is_no_equality():
+    one = Fraction(1)
+    for off, definite in ((one - Fraction(1, 2**62), True), (one - Fraction(1, 2**63), False), (2 * one, False)):
+        assert ball([[1]], [[off]]).is_positive_definite() is definite
+    for off, definite in ((one / 2, True), (one, False)):
+        assert ball([[1, 0], [0, 1]], [[0, 0], [0, off]]).is_positive_definite() is definite
+    assert ball([[4, 0], [0, 16]], [[3, 0], [0, 12]]).is_positive_definite()
+    assert not ball([[4, 2], [2, 16]], [[3, 0], [0, 12]]).is_positive_definite()
+    for i, j in ((0, 1), (1, 0)):
+        radius = [[Fraction(0)] * 2 for _ in range(2)]
+        radius[i][j] = Fraction(3, 2)
+        assert not ball([[1, 0], [0, 1]], radius).is_positive_definite()
+    tiny = Fraction(1, 10**30)
+    assert not ball([[1, 1], [1, 1]], [[tiny] * 2] * 2).is_positive_definite()
+    assert ball([[1, 1], [1, 1 + tiny]], [[0, 0], [0, 0]]).is_positive_definite()  # exactly, which no double tells
+
+
+def test_a_shorter_ball_holds_the_longer_one():
+    third, unit = Fraction(1, 3), Fraction(1, 2**96)
+    found = dissipation._shorten(ball([[third, -third]], [[0, third]]))
+    assert found.radius == [[unit, third + unit]]
+    assert found.middle == [[rational.round_up(third, 96), rational.round_up(-third, 96)]]
+    assert 0 < found.middle[0][0] - third < unit
+
+
+def test_a_product_of_balls_holds_all_products_of_their_members():
+    A, B = ball([[1, -2]], [[0.25, 0.5]]), ball([[-3], [0.5]], [[0.125], [2]])
+    found = dissipation._product(A, B)
+    assert found.middle == [[-4]]
+    assert found.radius == [[0.125 + 4 + 0.75 + 0.25 + 0.03125 + 1]]
+
+
+def test_the_form_of_exact_numbers_is_exact():
+    level, zero = Fraction(5, 4), Fraction(0)
+    slow = dissipation.rate_bounded_inequalities(level, slow_evidence())
+    constrained = constrained_evidence()
+    forms = [dissipation.gain_inequality(level, evidence) for evidence in (gain_evidence(), constrained)]
+    for form in (*slow, *forms, dissipation.stability_inequality(constrained)):
+        assert not any(map(any, form.radius))
+        assert rational.is_symmetric(form.middle)
+    numbers = dissipation._widen([[Fraction(2), zero], [Fraction(-8), Fraction(4)]], Fraction(1, 64))
+    assert numbers.radius == [[Fraction(1, 8), Fraction(1, 16)], [Fraction(1, 8), Fraction(1, 8)]]
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "words"),
+    [
+        (0, 0, "block s sees at once what a later part"),
+        (1, 1, "block s sees at once"),
+        (1, 2, "block s sees at once what a later part or a parameter"),
+        (0, 5, "block s sees at once"),
+        (4, 2, "block d sees at once"),
+        (4, 4, "block d sees at once"),
+        (4, 5, "block d sees at once"),
+        (5, 5, "block c sees at once"),
+        (3, 0, "input of block v may jump"),
+        (3, 7, "input of block v may jump"),
+        (5, 4, ""),
+        (5, 3, ""),
+        (4, 1, ""),
+        (2, 2, ""),
+        (2, 5, ""),
+        (0, 6, ""),
+    ],
+)
+def test_a_part_sees_at_once_the_outputs_of_earlier_parts_alone(row, column, words):
+    evidence = constrained_evidence()
+    evidence["system"]["D"][row][column] = 2.0**-60
+    if words:
+        with pytest.raises(Refusal, match=words):
+            dissipation.stability_inequality(evidence)
+    else:
+        dissipation.stability_inequality(evidence)
+
+
+def test_no_rounding_lets_a_part_see_what_it_does_not():
+    """A zero of its rows of D is none of rounding's; in those of a parameter it is."""
+    system_of = dissipation._System(constrained_evidence(), Fraction(1, 64))
+    D = constrained_evidence()["system"]["D"]
+    wide = system_of._widen_feedthrough([[Fraction(value) for value in row] for row in D], Fraction(1, 64))
+    for i, row in enumerate(D):
+        for value, off in zip(row, wide.radius[i], strict=True):
+            assert (off > 0) is (bool(value) or i in (2, 6, 7))
+
+
+@pytest.mark.parametrize("name", "ABCD")
+@pytest.mark.parametrize("less", ["a row", "a column", "a number"])
+def test_matrices_of_wrong_shapes_are_refused(name, less):
+    evidence = gain_evidence()
+    M = evidence["system"][name]
+    evidence["system"][name] = {
+        "a row": M[:-1],
+        "a column": [row[:-1] for row in M],
+        "a number": [*M[:-1], M[-1][:-1]],
+    }[less]
+    with pytest.raises(ValueError, match=r"wrong shapes|different lengths"):
+        dissipation.gain_inequality(Fraction(1), evidence)
+
+
+@pytest.mark.parametrize(("inputs", "outputs"), [(2, 3), (3, 2)])
+def test_delta_has_no_more_channels_than_the_system(inputs, outputs):
+    evidence = gain_evidence()
+    matrices = evidence["system"]
+    matrices["B"] = [row[:inputs] for row in matrices["B"]]
+    matrices["C"], matrices["D"] = matrices["C"][:outputs], [row[:inputs] for row in matrices["D"][:outputs]]
+    with pytest.raises(ValueError, match="wrong shapes"):
+        dissipation.gain_inequality(Fraction(1), evidence)
+
+
+def test_corners_of_slow_parameters_take_every_sign():
+    assert list(dissipation.vertices(1)) == [((-1,), (-1,)), ((-1,), (1,)), ((1,), (-1,)), ((1,), (1,))]
+    assert len(set(dissipation.vertices(2))) == 16
+    terms = [[[Fraction(10**k)]] for k in range(4)]
+    assert dissipation.corner(terms, (-1, 1)) == [[1 - 10 + 100 - 1000]]
+    assert dissipation.corner(terms, (-1, -1)) == [[1 - 10 - 100 + 1000]]
+    for count in (3, 5):
+        with pytest.raises(ValueError, match="a term for each set"):
+            dissipation.corner((terms * 2)[:count], (1, 1))
+
+
+# -- the evidence of a gain --
+
+
+def lag_evidence(**changes: Any) -> dict[str, Any]:
+    """Return a proof that `x' = -(1 + delta / 2) x + w`, z = x, has a gain below 4; it is 2."""
+    block = {"name": "rate", "size": 1, "D": [[1.0]], "G": [[0.0]]}
+    matrices = {"A": [[-1.0]], "B": [[-0.5, 1.0]], "C": [[1.0], [1.0]], "D": [[0.0, 0.0], [0.0, 0.0]]}
+    common = {"kind": "gain", "level": 4.0, "system": matrices, "coordinates": [[1.0]], "P": [[2.0]]}
+    return {**common, "blocks": [block], **changes}
+
+
+def slow_lag_evidence(**changes: Any) -> dict[str, Any]:
+    evidence = lag_evidence(kind="slow gain", P=[[[2.0]], [[0.0]]], Y=[[0.0] * 3])
+    block = evidence["blocks"][0]
+    scalings = [[{"D": block.pop("D"), "G": block.pop("G")}]] * 4
+    return {**evidence, "blocks": [{**block, "speed": 1.0}], "vertices": scalings, **changes}
+
+
+def late_lag_evidence(kind: str = "sector", **changes: Any) -> dict[str, Any]:
+    """Return a proof about `x' = -x + p / 2 + w`, z = x, with p a function of x in a sector or of slopes in [0, 1]."""
+    block: dict[str, Any] = {"name": "part", "size": 1, "kind": kind, "T": [1.0]}
+    if kind == "slope":
+        block |= {"odd": True, "poles": [], "causal": [], "anticausal": []}
+    matrices = {"A": [[-1.0]], "B": [[0.5, 1.0]], "C": [[1.0], [1.0]], "D": [[0.0, 0.0], [0.0, 0.0]]}
+    return lag_evidence(kind="constrained gain", system=matrices, stability=[[1.0]], blocks=[block]) | changes
+
+
+LAG_LOOP = evidence.DerivedLoop(system=lag_evidence()["system"], blocks=[("rate", 1)], speeds=[None], parts=[{}])
+
+
+def test_evidence_proves_what_it_says_it_proves():
+    found = evidence.check_evidence(lag_evidence())
+    assert found.reason == (
+        "the L2 gain from w to z is below 4 for every normalised Delta(t) of rate: the matrix inequality holds exactly"
+    )
+    assert (found.accepted, found.figures) == (True, {"gain": 4.0})
+    assert found.assumes == {
+        "plant": "the continuous linear system of the evidence, closed by Delta",
+        "system_sha256": evidence.seal(lag_evidence()["system"]),
+        "blocks": ["rate x 1"],
+        "speeds_per_s": [None],
+    }
+    found = evidence.check_evidence(slow_lag_evidence())
+    assert "of rate, with speeds of rate below 1 1/s: the matrix" in found.reason
+    assert found.assumes["speeds_per_s"] == [1.0]
+    blocks = [{"name": "fast", "speed": None}, {"name": "slow", "speed": 0.5}]
+    said = evidence._state_gain(Fraction(4), {"blocks": blocks})
+    assert "every normalised Delta(t) of fast, slow, with speeds of slow below 0.5 1/s: the matrix" in said
+    found = evidence.check_evidence(late_lag_evidence())
+    sector = "part: functions phi(q, t) of each channel between 0 and q"
+    assert found.assumes["parts"] == [sector]
+    assert f"is below 4 for {sector}: the matrix" in found.reason
+    found = evidence.check_evidence(late_lag_evidence("slope"))
+    assert found.assumes["parts"] == ["part: odd functions phi(q) of each channel with slopes in [0, 1]"]
+    plain = late_lag_evidence("slope")
+    plain["blocks"][0]["odd"] = False
+    assert evidence.check_evidence(plain).assumes["parts"] == [
+        "part: functions phi(q) of each channel with slopes in [0, 1]"
+    ]
+    both = late_lag_evidence()
+    both["blocks"] = [{"name": "rate", "size": 1, "D": [[1.0]], "G": [[0.0]]}, *both["blocks"]]
+    both["system"] = {
+        "A": [[-1.0]],
+        "B": [[0.0, 0.5, 1.0]],
+        "C": [[0.0], [1.0], [1.0]],
+        "D": [[0.0] * 3] * 3,
+    }
+    assert f"for every normalised Delta(t) of rate, and {sector}" in evidence.check_evidence(both).reason
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda: lag_evidence(kind="constrained gain"), "other entries: stability$"),
+        (lambda: lag_evidence(kind="slow gain"), "other entries: Y, vertices$"),
+        (lambda: lag_evidence(more=1), "other entries: more$"),
+        (lambda: lag_evidence(blocks=[]), "names no block"),
+        (lambda: lag_evidence(level=0), "level is not positive"),
+        (lambda: lag_evidence(level=1.99), "the matrix inequality does not hold"),
+        (lambda: lag_evidence(P=[[0.0]]), "P is not positive definite"),
+        (lambda: lag_evidence(blocks=[{"name": "rate", "size": 0}]), "size 0, must be"),
+        (lambda: lag_evidence(blocks=[{"name": "rate", "size": True}]), "size True, must be"),
+        (lambda: lag_evidence(blocks=[{"name": "rate", "size": 1.0}]), "size 1.0, must be"),
+        (lambda: lag_evidence(blocks=[{"name": "", "size": 1}]), "must have a name"),
+        (lambda: lag_evidence(blocks=[{"name": "a b", "size": 1}]), "must have a name"),
+        (lambda: lag_evidence(blocks=[{"name": 33 * "a", "size": 1}]), "must have a name"),
+        (lambda: lag_evidence(blocks=late_lag_evidence()["blocks"]), "real parameters alone"),
+        (
+            lambda: slow_lag_evidence(blocks=[{"name": "rate", "size": 1, "speed": 1.0, "D": 1}]),
+            "than name, size, speed",
+        ),
+        (lambda: slow_lag_evidence(blocks=[{"name": "rate", "size": 1, "speed": -1.0}]), "speed is negative"),
+        (lambda: slow_lag_evidence(P=[[[2.0]], [[2.0]]]), r"P is not positive definite at the corner \(-1,\)"),
+        (lambda: slow_lag_evidence(P=[[[2.0]], [[-2.0]]]), r"P is not positive definite at the corner \(1,\)"),
+        (lambda: slow_lag_evidence(level=1.99), r"does not hold at the corner \(-1,\), speeds \(-1,\)"),
+        (lambda: late_lag_evidence(stability=[[0.0]]), "matrix of stability is not positive definite"),
+        (lambda: late_lag_evidence(system={**late_lag_evidence()["system"], "A": [[1.0]]}), "is not proved stable"),
+        (lambda: late_lag_evidence(level=0.99), "the matrix inequality does not hold"),
+    ],
+)
+def test_evidence_that_proves_nothing_is_refused(made, words):
+    with pytest.raises(Refusal, match=words):
+        evidence.check_evidence(made())
+
+
+@pytest.mark.parametrize("make", [lag_evidence, late_lag_evidence])
+def test_scalings_that_are_none_are_refused(make):
+    wrong = make()
+    wrong["blocks"][0] |= {"D": [[-1.0]]} if make is lag_evidence else {"T": [-1.0]}
+    with pytest.raises(Refusal, match="not positive"):
+        evidence.check_evidence(wrong)
+    if make is lag_evidence:
+        slow = slow_lag_evidence()
+        slow["vertices"] = [*slow["vertices"][:3], [{"D": [[-1.0]], "G": [[0.0]]}]]
+        with pytest.raises(Refusal, match="not positive"):
+            evidence.check_evidence(slow)
+
+
+def test_a_parameter_that_rests_is_slow_and_each_corner_has_its_proof():
+    rests = slow_lag_evidence()
+    rests["blocks"][0]["speed"] = 0.0
+    assert evidence.check_evidence(rests).accepted
+    for at in range(4):
+        scalings = [dict(D=[[1.0 if k != at else 9.0]], G=[[0.0]]) for k in range(4)]
+        with pytest.raises(Refusal, match="does not hold at the corner"):
+            evidence.check_evidence(slow_lag_evidence(vertices=[[item] for item in scalings]))
+
+
+@pytest.mark.parametrize("name", ["a", "A_1", "x.y-z", 32 * "a"])
+def test_a_word_is_a_name(name):
+    assert evidence.is_name(name)
+    assert not any(map(evidence.is_name, (f"{name} ", f"{name}\n", f"{name}:", 32 * name + "a", [name], None)))
+
+
+def test_a_derived_loop_is_the_one_of_its_evidence():
+    found = evidence.check_evidence(lag_evidence(system=None), LAG_LOOP)
+    assert found.assumes["plant"] == (
+        "the continuous linear system derived from the design, and all within its rounding, closed by Delta"
+    )
+    assert found.assumes["system_sha256"] == evidence.seal(LAG_LOOP.system)
+    for blocks in ([("rate", 2)], [("other", 1)], []):
+        with pytest.raises(Refusal, match="about other parameters"):
+            evidence.check_evidence(lag_evidence(), LAG_LOOP._replace(blocks=blocks))
+    wide = {**LAG_LOOP.system, "A": [[-0.5]]}
+    with pytest.raises(Refusal, match="does not hold"):
+        evidence.check_evidence(lag_evidence(), LAG_LOOP._replace(system=wide))
+
+
+def test_every_kind_of_proof_covers_the_rounding_of_a_derived_loop(monkeypatch):
+    monkeypatch.setattr(evidence, "ROUNDING", Fraction(1, 2))  # as much as no evidence here bears
+    loops = {
+        lag_evidence: LAG_LOOP,
+        slow_lag_evidence: LAG_LOOP._replace(speeds=[1.0]),
+        late_lag_evidence: LAG_LOOP._replace(
+            system=late_lag_evidence()["system"], blocks=[("part", 1)], parts=[{"kind": "sector"}]
+        ),
+    }
+    for make, of in loops.items():
+        with pytest.raises(Refusal, match=r"does not hold|not proved stable"):
+            evidence.check_evidence(make(), of)
+    monkeypatch.setattr(evidence, "ROUNDING", Fraction(1, 2**40))
+    for make, of in loops.items():
+        assert evidence.check_evidence(make(), of).accepted
+
+
+@pytest.mark.parametrize(
+    ("block", "part", "covered"),
+    [
+        ({}, {}, True),
+        ({"kind": "real"}, {}, True),
+        ({}, {"kind": "sector"}, False),
+        ({"kind": "sector"}, {"kind": "slope", "odd": True}, False),
+        ({"kind": "slope", "odd": True}, {"kind": "slope", "odd": True}, True),
+        ({"kind": "slope", "odd": True}, {"kind": "slope", "odd": False}, False),
+        ({"kind": "slope", "odd": False}, {"kind": "slope", "odd": True}, True),
+        ({"kind": "delay", "largest": 0.5}, {"kind": "delay", "largest": 0.5}, True),
+        ({"kind": "delay", "largest": 0.5}, {"kind": "delay", "largest": 0.25}, True),
+        ({"kind": "delay", "largest": 0.5}, {"kind": "delay", "largest": 0.5 + 2.0**-50}, False),
+    ],
+)
+def test_a_part_is_covered_by_its_own_kind_if_it_is_no_larger(block, part, covered):
+    assert evidence._covers(block, part) is covered
+
+
+def test_delays_are_described_by_what_they_may_do():
+    block = {"name": "d", "kind": "delay", "largest": 0.25}
+    assert evidence._describe_part(block) == "d: every constant delay of all its channels in [0, 0.25] s"
+    varies = evidence._describe_part({**block, "kind": "varying delay"})
+    assert varies == "d: every delay of all its channels that varies at will in [0, 0.25] s"
+
+
+def test_a_file_is_sealed_and_holds_evidence_alone():
+    def judge(document: Any) -> evidence.CheckResult:
+        return evidence.check_certificate(json.dumps(document))
+
+    made: dict[str, Any] = {"format": evidence.FORMAT, "evidence": lag_evidence()}
+    assert judge({**made, "seal": evidence.seal(made)}).accepted
+    assert evidence.seal({"b": [1.5], "a": "\u00e4"}) == hashlib.sha256(b'{"a":"\\u00e4","b":[1.5]}').hexdigest()
+    more = {**made, "claim": 1}
+    for document, words in (
+        ([], "format is not"),
+        ({**made, "format": "other"}, "format is not"),
+        (made, "seal does not fit"),
+        ({**more, "seal": evidence.seal(more)}, "evidence alone"),
+    ):
+        found = judge(document)
+        assert (found.accepted, words in found.reason) == (False, True)
+    for text, words in (('{"a": NaN}', "NaN is no number"), ('{"a": 1, "a": 1}', "a key stands twice")):
+        assert evidence.check_certificate(text).reason.startswith(words)
+    box = {"format": evidence.FORMAT, "evidence": {"kind": "boundedness"}}
+    text = json.dumps({**box, "seal": evidence.seal(box)})
+    for files in ({}, {"law": ""}, {"vehicle": ""}):
+        assert "give both" in evidence.check_certificate(text, **files).reason
+    assert "the law file is not the one" in evidence.check_certificate(text, law="", vehicle="").reason
 
 
 if __name__ == "__main__":

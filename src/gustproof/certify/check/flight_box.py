@@ -14,7 +14,6 @@ from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, l
 from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
-from gustproof.lti.rational import round_up
 
 KIND = "boundedness"
 KEYS = frozenset(
@@ -278,7 +277,7 @@ def _list_up(values: Iterable[float]) -> str:
 
 def _degrees_up(angle: Fraction) -> float:
     """Return an angle [rad] in degrees, not rounded down."""
-    return math.ceil(1e6 * math.degrees(float(round_up(angle))) + 1e-3) / 1e6
+    return math.ceil(1e6 * math.degrees(float(angle)) + 1e-3) / 1e6
 
 
 def _bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
