@@ -2,6 +2,7 @@ import math
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -37,14 +38,24 @@ WITHOUT_KERNELS = (
 def pytest_collection_modifyitems(items):
     """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
     for item in items:
-        if not item.path.is_relative_to(UNITS) or any(map(item.get_closest_marker, ("compiled", "slow"))):
-            continue
-        file = item.path.relative_to(UNITS)
-        flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
-        if len(file.parts) > 1 and not flies:
+        if _is_without_kernels(item.path) and not any(map(item.get_closest_marker, ("compiled", "slow"))):
             item.add_marker("plain")
     # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
-    items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
+    items.sort(key=lambda item: 0 if _is_waiting(item.path) else 1 if item.get_closest_marker("slow") else 2)
+
+
+@cache
+def _is_without_kernels(path):
+    if not path.is_relative_to(UNITS):
+        return False
+    file = path.relative_to(UNITS)
+    flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
+    return len(file.parts) > 1 and not flies
+
+
+@cache
+def _is_waiting(path):
+    return path.is_relative_to(WAITING)
 
 
 @pytest.fixture(autouse=True)
