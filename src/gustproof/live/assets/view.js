@@ -327,7 +327,9 @@ function showFacts() {
   byId("start").textContent = over ? "Fly again" : "Start";
   byId("choice").hidden = facts.laws.length < 2;
   byId("laws").disabled = !mayStart;
-  if (byId("laws").options.length !== facts.laws.length) byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i)));
+  if (byId("laws").options.length !== facts.laws.length) {
+    byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i, false, name === facts.law)));
+  }
   byId("report").hidden = !(over && facts.has_report && facts.goes_on);
   byId("pause").hidden = facts.real_time;
   byId("pause").disabled = phase !== "flying";
