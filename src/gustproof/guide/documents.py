@@ -8,12 +8,12 @@ import inspect
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.resources import files
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gustproof.guide.reference import markdown_table
 from gustproof.guide.schemas import attribute_docs
@@ -22,7 +22,7 @@ _FIELDS = "json-fields.toml"
 
 
 class Document(NamedTuple):
-    """What a command prints with `--json`, or a part of it."""
+    """Output of a command with `--json`, or a part of it."""
 
     title: str
     """Heading of its table."""
@@ -72,20 +72,25 @@ def _in_json(key: str, meaning: str) -> str:
 
 
 def _model_fields(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield the fields of a model's JSON: the keys of its `to_dict`, or its attributes without one."""
-    docs = attribute_docs(kind)
-    names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(getattr(kind, "_fields", ()))
-    method = vars(kind).get("to_dict")
-    tree = ast.parse(textwrap.dedent(inspect.getsource(method))) if method else ast.Module([], [])
-    written = [node for node in ast.walk(tree) if isinstance(node, ast.Dict)]
-    if not written or any("_asdict" in ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Call)):
-        yield from ((name, docs.get(name, "")) for name in names)
+    """Yield the fields of a model's JSON: the keys of its `to_dict`, or its attributes where that names none."""
+    keys = list(_written_keys(vars(kind)["to_dict"])) if "to_dict" in vars(kind) else []
+    if keys:
+        yield from ((name, _attribute_meaning(kind, source, name)) for name, source in keys)
         return
+    names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(getattr(kind, "_fields", ()))
+    docs = attribute_docs(kind)
+    yield from ((name, docs.get(name, "")) for name in names)
+
+
+def _written_keys(method: Callable[..., Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of the outermost dictionaries in a method's source, each with the source of its value."""
+    nodes = list(ast.walk(ast.parse(textwrap.dedent(inspect.getsource(method)))))
+    written = [node for node in nodes if isinstance(node, ast.Dict)]
     inner = {child for node in written for value in node.values for child in ast.walk(value)}
     for node in (node for node in written if node not in inner):
         for key, value in zip(node.keys, node.values, strict=True):
             if isinstance(key, ast.Constant):
-                yield str(key.value), _attribute_meaning(kind, ast.unparse(value), str(key.value))
+                yield str(key.value), ast.unparse(value)
 
 
 def _attribute_meaning(kind: type, source: str, key: str) -> str:

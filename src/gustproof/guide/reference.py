@@ -14,8 +14,18 @@ from firmware_model.recording import journal
 from firmware_model.session.vehicle_endpoint import HEARTBEAT_US, VehicleEndpoint
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
 from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
-from gustproof.recording.definitions import COMMAND_AGE, FLIGHT, MODE, definition, rotors_message
-from gustproof.recording.topics import ESTIMATE_TOPICS, TOPICS
+from gustproof.recording.definitions import (
+    ANGLES,
+    COMMAND_AGE,
+    FLIGHT,
+    LOG,
+    MODE,
+    REQUIREMENT,
+    definition,
+    rotors_message,
+)
+from gustproof.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
+from gustproof.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
 
 _EDITORS = (
     "`gustproof guide --schemas DIR` writes these tables as JSON Schemas. An editor that knows TOML, such as VS Code "
@@ -93,26 +103,44 @@ def _attributes_table(kind: type, heading: str) -> str:
 
 def bag_topics() -> str:
     """Return the reference of a recording: its topics, message types of our own, and the journal's fields."""
-    meanings = dict(re.findall(r'\("(\w+)", "<f8"[^#\n]*# (.+)', inspect.getsource(journal)))
-    rows = [
+    meanings = dict(re.findall(r'\("(\w+)", "<f8"[^#\n]*# (.+)', inspect.getsource(journal))) | _DERIVED
+    rows = [(f"`{name}`", f"`{kind}`", "", meaning) for name, kind, meaning in _TOLD_TOPICS]
+    rows += [
         (
             f"`{topic.name}`",
             f"`{topic.message}`",
             f"`{topic.frame_id}`",
             "; ".join(f"`{name}`: {meanings.get(name, 'told by a real autopilot')}" for name in topic.fields),
         )
-        for topic in (*TOPICS, *ESTIMATE_TOPICS)
+        for topic in (*TOPICS, *ANGLE_TOPICS, *ESTIMATE_TOPICS)
     ]
-    own = {name: definition(name)[0].partition("=" * 80)[0] for name in (FLIGHT, MODE, rotors_message(4), COMMAND_AGE)}
+    own = (FLIGHT, MODE, rotors_message(4), COMMAND_AGE, ANGLES, REQUIREMENT)
+    texts = {name: definition(name)[0].partition("=" * 80)[0] for name in own}
     return "\n".join(
         [
             "# Topics of a recording\n\nA flight is recorded as a rosbag2 folder with one MCAP file. ROS 2 tools, "
-            "Foxglove and PlotJuggler open it. It is equal to the flight's journal bit for bit. N is north, east, "
-            "down; B is forward, right, down. `/flight` and `/mode` hold what is told once and at changes.\n",
-            markdown_table(("topic", "type", "frame", "fields of the journal"), rows),
-            *(f"## {name}\n\n```text\n{text.strip()}\n```\n" for name, text in own.items()),
+            "[Foxglove and PlotJuggler](viewers.md) open it. It is equal to the flight's journal bit for bit. N is "
+            "north, east, down; B is forward, right, down. The type of `/actuator/rotors` has the number of rotors "
+            "in its name if these are not four.\n",
+            markdown_table(("topic", "type", "frame", "content"), rows),
+            *(f"## {name}\n\n```text\n{text.strip()}\n```\n" for name, text in texts.items()),
         ]
     )
+
+
+_DERIVED = {
+    "euler": "[deg] Euler angles of the true attitude",
+    "reference": "[deg] angles that the scenario wants",
+    "error": "[deg] attitude less reference, as figures and requirements count it",
+}
+"""Meaning of the fields that are made for viewers."""
+_TOLD_TOPICS = (
+    ("/flight", FLIGHT, "everything that a repetition needs, once"),
+    ("/mode", MODE, "mode of the autopilot, at each change"),
+    (EVENTS_TOPIC, LOG, "a line as each gust, fault and event begins and ends"),
+    (REQUIREMENTS_TOPIC, REQUIREMENT, "result of each requirement, at the end of its window"),
+)
+"""Topics without a stream of numbers: name, type and content."""
 
 
 def mavlink_messages() -> str:

@@ -27,6 +27,8 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "campaign",
         "league",
         "export",
+        "figures",
+        "viewers",
         "ground-station",
         "px4",
         "ardupilot",

@@ -7,7 +7,9 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from firmware_model.config.scenario import load_scenario
@@ -79,12 +81,21 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1
 
 
-def test_the_pictures_are_drawn_small(tmp_path: Path) -> None:
+def test_the_pictures_are_what_the_tool_draws_now(tmp_path: Path) -> None:
     drawn = draw_pictures(tmp_path / "pictures")
-    shipped = sorted((GUIDE / "pictures").glob("*.png"))
-    assert sorted(path.name for path in drawn) == [path.name for path in shipped]
-    assert sum(path.stat().st_size for path in shipped) < 150_000
-    assert all(path.stat().st_size < 150_000 for path in drawn)
+    shipped = {path.name: path for path in (GUIDE / "pictures").glob("*.png")}
+    assert {path.name for path in drawn} == set(shipped)
+    assert sum(path.stat().st_size for path in shipped.values()) < 220_000
+    for path in drawn:
+        assert compare_pictures(path, shipped[path.name]) < 0.01, f"{path.name}: gustproof guide --pictures DIR"
+    assert compare_pictures(drawn[0], drawn[2]) > 0.03
+
+
+def compare_pictures(path: Path, other: Path) -> float:
+    """Return the mean difference of two pictures' brightness, 1 for black beside white."""
+    with Image.open(path) as drawn, Image.open(other) as shipped:
+        pair = [np.asarray(each.convert("L").resize((450, 150)), dtype=float) for each in (drawn, shipped)]
+    return float(np.abs(pair[0] - pair[1]).mean() / 255.0)
 
 
 def test_the_readme_figures_beside_the_paper_are_flown() -> None:
