@@ -58,7 +58,7 @@ def law_keys() -> str:
         "law flies by one formula:\n\n```text\n"
         + inspect.cleandoc(import_module(Law.__module__).__doc__ or "").split("\n\n")[1]
         + "\n```\n\n`y` is gyro p, q, r [rad/s] and reference phi, theta, psi [rad]. With an accelerometer, roll and "
-        "pitch by gravity [rad] follow.\n"
+        "pitch by gravity [rad] follow. `rate_limit` and `schedule` may be left out.\n"
     ]
     for title, kind in (
         ("The law", Law),
