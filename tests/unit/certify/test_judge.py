@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from gustproof.certify.check import (
+    attitude_offset,
     dissipation,
     estimate_box,
     evidence,
@@ -208,7 +209,7 @@ def figures_of_drift() -> Figures:
             [
                 noise,
                 truth_drift._step_errors(of, case, box, disturbance, less, estimate),
-                truth_drift._kinematic_error(of, case, box, less, estimate),
+                truth_drift._kinematic_error(of, case, box, less, estimate, off),
                 truth_drift._noise_error(of, less, Fraction(1, 32), Fraction(3, 8)),
                 [truth_drift._rate_slope(of, case, box, axis) for axis in range(3)],
                 [truth_drift._drag_slope(of, case, box, axis) for axis in range(3)],
@@ -224,6 +225,28 @@ def figures_of_drift() -> Figures:
             truth_drift.blind_angles(of, unseen, 7),
         ],
     )
+
+
+def figures_of_offset(output: str) -> Figures:
+    law = json.loads(json.dumps(law_document(output)))
+    for i in range(3):
+        law["A"][i][i], law["B"][i][i], law["A"][3 + i][i], law["G"][i][i] = 0.9375, 0.0703125, -0.0625, 0.109375
+    of = read_system(json.dumps(law), VEHICLE)._replace(inertia_spread=Fraction(1, 16), cells=(2, 1))
+    samples = 2 * max(SAMPLES[output])
+    norms = [axis_norms(of, axis, samples) for axis in range(3)]
+    box = [[value / 1024 for value in row] for row in some_box(norms[0].excess.shape[1] + 1)]
+    noisy, quiet = (
+        case._replace(moment=[value / 64 for value in CASE.moment], noise=case.noise / 64) for case in (CASE, QUIET)
+    )
+    for name, case, steps in (("noisy", noisy, 4 * samples), ("quiet", quiet, samples)):
+        yield name, attitude_offset.bound_offset(of, norms, case, box, samples=samples, steps=steps)
+    disturbance = Disturbance([Fraction(0)] * 3, [Fraction(0)] * 3, 2 * samples, Fraction(1, 128))
+    linear = of._replace(G=tuple((Fraction(0),) * 3 for _ in range(9)))
+    yield "box", attitude_offset.strapdown_box(of, norms, noisy, box, disturbance, samples)
+    yield "box of a linear law", attitude_offset.strapdown_box(linear, norms, quiet, box, disturbance, samples)
+    for axis in range(3):
+        sums = attitude_offset._sum_signals(of, norms[axis], axis, samples, 3 * samples)
+        yield f"norms, axis {axis}", [np.sum(sums.total, axis=0), np.sum(sums.total, axis=2), sums.noise]
 
 
 def figures_of_single(output: str) -> Figures:
@@ -372,6 +395,7 @@ def figures_by_kind(output: str) -> dict[str, Figures]:
         f"norms of {output}": figures_of_norms(output, spread=False),
         f"norms of {output}, spread": figures_of_norms(output, spread=True),
         f"box of {output}": figures_of_box(output),
+        f"offset of {output}": figures_of_offset(output),
         f"single precision of {output}": figures_of_single(output),
     }
 
@@ -389,7 +413,10 @@ def figures(output: str | None = None) -> dict[str, Figures]:
 
 
 def assert_alike(found: Any, pinned: Any, where: str) -> None:
-    """Compare nested rows: words exactly, numbers but for the order of sums in doubles, which differs by machine."""
+    """Compare nested rows: words exactly, numbers but for the order of sums in doubles, which differs by machine.
+
+    An offset is a small difference of large sums.
+    """
     if isinstance(pinned, dict):
         assert set(found) == set(pinned), where
         for key, value in pinned.items():
@@ -399,7 +426,8 @@ def assert_alike(found: Any, pinned: Any, where: str) -> None:
         for k, value in enumerate(pinned):
             assert_alike(found[k], value, f"{where}, {k}")
     elif isinstance(pinned, float):
-        assert found == pytest.approx(pinned, rel=3e-14, abs=0.0), where
+        rel = 1e-11 if where.startswith("offset") else 3e-14
+        assert found == pytest.approx(pinned, rel=rel, abs=0.0), where
     else:
         assert found == pinned, where
 
@@ -822,11 +850,8 @@ def test_degrees_are_rounded_up_with_a_thousandth_of_a_step_to_spare(above, step
     assert flight_box._degrees_up(angle) == (1000 + steps) / 1e6
 
 
-def test_the_truth_of_a_law_without_strapdown_or_horizon_is_not_bounded():
-    of, made = loop(), some_claim()
-    other = of._replace(B=tuple(tuple(2 * value for value in row) for row in of.B))
-    assert flight_box._truth_deg(other, made)[0] is None
-    assert "no strapdown integral" in flight_box._truth_deg(other, made)[1]
+def test_the_truth_without_horizon_is_not_bounded():
+    of = loop()
     assert "without a horizon" in flight_box._truth_deg(of, some_claim(horizon=None))[1]
     long = some_claim(horizon=1e6, noise=0.0, risk=0.0, moment_class="any", slope=[0.0] * 3)
     assert "no bound below a radian" in flight_box._truth_deg(of, long)[1]
@@ -902,10 +927,10 @@ def test_a_sample_too_long_for_the_rates_is_refused(monkeypatch):
     box, none = [[value / 16 for value in row] for row in some_box(10)], truth_drift._Noise(Fraction(0), Fraction(0))
     slope = 2 * Fraction(1, 100) / of.dt
     monkeypatch.setattr(truth_drift, "slope_of_T", lambda *_: [slope / 2, slope, slope / 3])
-    assert truth_drift._kinematic_error(of, QUIET, box, none, zeros)
+    assert truth_drift._kinematic_error(of, QUIET, box, none, zeros, zeros)
     slope *= Fraction(10**9 + 1, 10**9)
     with pytest.raises(Refusal, match="a sample is too long for the rates"):
-        truth_drift._kinematic_error(of, QUIET, box, none, zeros)
+        truth_drift._kinematic_error(of, QUIET, box, none, zeros, zeros)
 
 
 # -- single precision --
@@ -923,6 +948,8 @@ def test_a_flight_near_a_limit_or_at_a_large_angle_has_no_bound_in_floats():
         tilted[axis][kernel_norms.X0] += Fraction(1, 10**9)
         with pytest.raises(Refusal, match="an angle needs reduction"):
             single_precision._check_form(of, QUIET, tilted, form)
+        with pytest.raises(Refusal, match="an angle needs reduction"):
+            single_precision.bound_rounding(of, [], QUIET, tilted, form, [])
         linear = of._replace(G=tuple((Fraction(0),) * 3 for _ in range(9)))
         single_precision._check_form(linear, QUIET, tilted, form)
     turned = [list(row) for row in box]
