@@ -453,6 +453,8 @@ def test_every_term_moves_a_figure(output):
         (flight_box, {"RISK_PERIOD": 600, "LEAST_RISK": Fraction(1, 10**12), "LONGEST": 1000000}),
         (system, {"_MOST_STATES": 48}),
         (truth_drift, {"_CHUNKS": 32, "_LARGEST": 1, "_ROUNDS": 200, "_ROUNDING": 2.0**-44}),
+        (evidence, {"ROUNDING": Fraction(1, 1 << 40), "FORMAT": "gustproof-certificate-1"}),
+        (attitude_offset, {"_MOST_LEFT": 1e-3, "_SPARE": 1e-6, "_ULP": 2**-52}),
         (single_precision, {"_U": 2.0**-24, "_EXACT": 2.0**-35, "_FINE": 2.0**-12, "_TINY": 2.0**-110}),
         (single_precision, {"_KINEMATICS": (14, 7, 13), "_ROUNDS": 100, "_WIDER": Fraction(51, 50), "_SMALL": 0.75}),
     ],
@@ -956,6 +958,7 @@ def test_a_flight_near_a_limit_or_at_a_large_angle_has_no_bound_in_floats():
     turned[2][kernel_norms.X0] = Fraction(4, 5)
     single_precision._check_form(of, QUIET, turned, form)
     for limited in (
+        *(of._replace(torque_limits=tuple(Fraction(1, 1000 ** (i == j)) for i in range(3))) for j in range(3)),
         of._replace(torque_limits=(Fraction(1, 1000),) * 3),
         of._replace(rate_limit=of.rate_limit._replace(limits=(Fraction(1, 1000),) * 3)),
     ):
@@ -994,6 +997,20 @@ def test_copies_are_exact_in_floats_and_sums_are_not():
         tuple(Fraction(1) if (i, j) == (3, 0) else value for j, value in enumerate(row)) for i, row in enumerate(of.G)
     )
     assert single_precision._row_error(of._replace(G=G), QUIET, box, form, none, 3) > tiny
+
+
+def test_roundings_in_floats_do_not_depend_on_signs():
+    of, box = loop(), [[value / 16 for value in row] for row in some_box(10)]
+    none = [[Fraction(0)] * 3] * 12
+    signs = {
+        name: [[-value if value != 1 else value for value in row] for row in getattr(of, name)] for name in "ABCDG"
+    }
+    turned = of._replace(**{name: tuple(map(tuple, rows)) for name, rows in signs.items()})  # but for copies
+    for wide in (frozenset[int](), frozenset({0, 3, 6})):
+        form = Form(wide, Fraction(0), [Fraction(0)] * 9)
+        for i in range(12):
+            errors = [single_precision._row_error(one, QUIET, box, form, none, i) for one in (of, turned)]
+            assert errors[0] == errors[1]
 
 
 def test_underflow_counts_in_every_sum_of_floats():
@@ -1054,6 +1071,16 @@ def test_a_ball_is_definite_where_its_proof_is_no_equality():
     assert ball([[1, 1], [1, 1 + tiny]], [[0, 0], [0, 0]]).is_positive_definite()  # exactly, which no double tells
 
 
+def test_any_congruence_proves_and_none_proves_more(monkeypatch):
+    """With W the identity the numbers of the last comparison are those of the ball."""
+    monkeypatch.setattr(np.linalg, "cholesky", lambda M: np.eye(len(M)))
+    flat = [[Fraction(1)] * 3] * 3
+    for diagonal, definite in ((Fraction(7), True), (Fraction(9, 2), False)):
+        middle = [[diagonal if i == j else Fraction(1) for j in range(3)] for i in range(3)]
+        assert dissipation.Ball(middle, flat).is_positive_definite() is definite
+    assert not ball([[3, 2, 2], [2, 3, 2], [2, 2, 3]], [[0, 0, 0], [0, 0, 0], [0, 0, 1]]).is_positive_definite()
+
+
 def test_a_shorter_ball_holds_the_longer_one():
     third, unit = Fraction(1, 3), Fraction(1, 2**96)
     found = dissipation._shorten(ball([[third, -third]], [[0, third]]))
@@ -1110,6 +1137,15 @@ def test_a_part_sees_at_once_the_outputs_of_earlier_parts_alone(row, column, wor
             dissipation.stability_inequality(evidence)
     else:
         dissipation.stability_inequality(evidence)
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_no_channel_of_a_varying_delay_may_jump(row):
+    block = {"name": "v", "size": 2, "kind": "varying delay", "largest": 0.5, "X": symmetric(2, 1)}
+    made = {**lft_evidence(2), "stability": symmetric(3, 5), "blocks": [block]}
+    made["system"]["D"] = [[0.0, 0.0, float(i == row), 0.0] for i in range(4)]
+    with pytest.raises(Refusal, match="input of block v may jump"):
+        dissipation.stability_inequality(made)
 
 
 def test_no_rounding_lets_a_part_see_what_it_does_not():
@@ -1275,6 +1311,62 @@ def test_scalings_that_are_none_are_refused(make):
             evidence.check_evidence(slow)
 
 
+def test_an_entry_more_or_less_than_there_are_blocks_corners_and_speeds_is_refused():
+    slow = slow_lag_evidence()
+    four, item = slow["vertices"], slow["vertices"][0][0]
+    for vertices in (four[:3], [*four, four[0]], [[]] * 4, [[item, item]] * 4):
+        with pytest.raises(ValueError, match="zip"):
+            evidence.check_evidence({**slow, "vertices": vertices})
+    for changes in ({"speeds": []}, {"parts": []}, {"speeds": [None, None]}, {"parts": [{}, {}]}):
+        with pytest.raises(ValueError, match="zip"):
+            evidence.check_evidence(lag_evidence(), LAG_LOOP._replace(**changes))
+
+
+def two_blocks(**second: Any) -> list[dict[str, Any]]:
+    return [{"name": "a", "size": 1, "speed": 1.0}, {"name": "b", "size": 1, "speed": 1.0, **second}]
+
+
+def test_one_block_of_two_that_is_none_is_refused():
+    with pytest.raises(Refusal, match="than name, size, speed"):
+        evidence.check_evidence(slow_lag_evidence(blocks=two_blocks(D=[[1.0]])))
+    with pytest.raises(Refusal, match="speed is negative"):
+        evidence.check_evidence(slow_lag_evidence(blocks=two_blocks(speed=-1.0)))
+    mixed = [*lag_evidence()["blocks"], *late_lag_evidence()["blocks"]]
+    with pytest.raises(Refusal, match="real parameters alone"):
+        evidence.check_evidence(lag_evidence(blocks=mixed))
+    with pytest.raises(Refusal, match="unknown kind of evidence 'oath'"):
+        evidence.check_evidence(lag_evidence(kind="oath"))
+
+
+@pytest.mark.parametrize(("speed", "taken"), [(0.5, True), (1.0, True), (1.0 + 2.0**-50, False), (None, False)])
+def test_a_derived_loop_is_no_faster_than_its_evidence(speed, taken):
+    of = LAG_LOOP._replace(speeds=[speed])
+    assert evidence.check_evidence(lag_evidence(), of).accepted
+    if taken:
+        assert evidence.check_evidence(slow_lag_evidence(), of).accepted
+    else:
+        with pytest.raises(Refusal, match="rate of the derived loop is faster"):
+            evidence.check_evidence(slow_lag_evidence(), of)
+
+
+def test_a_derived_loop_has_the_parts_of_its_evidence():
+    of = evidence.DerivedLoop(late_lag_evidence()["system"], [("part", 1)], [None], [{"kind": "slope", "odd": True}])
+    with pytest.raises(Refusal, match="part of the derived loop is more than the evidence allows"):
+        evidence.check_evidence(late_lag_evidence(), of)
+    assert evidence.check_evidence(late_lag_evidence("slope"), of).accepted
+
+
+def test_numbers_of_the_evidence_itself_are_exact(monkeypatch):
+    shares = []
+    names = ("gain_inequality", "rate_bounded_inequalities", "stability_inequality")
+    for name in names:
+        made = getattr(evidence, name)
+        monkeypatch.setattr(evidence, name, lambda *given, made=made: shares.append(given[-1]) or made(*given))
+    for make in (lag_evidence, slow_lag_evidence, late_lag_evidence):
+        assert evidence.check_evidence(make()).accepted
+    assert shares == [0] * 4
+
+
 def test_a_parameter_that_rests_is_slow_and_each_corner_has_its_proof():
     rests = slow_lag_evidence()
     rests["blocks"][0]["speed"] = 0.0
@@ -1364,6 +1456,9 @@ def test_a_file_is_sealed_and_holds_evidence_alone():
     ):
         found = judge(document)
         assert (found.accepted, words in found.reason) == (False, True)
+    for text in ("", "[" * 100_000, '{"format": "gustproof-certificate-1", "evidence": 1', json.dumps(made)[:-1]):
+        found = evidence.check_certificate(text)
+        assert (found.accepted, found.reason[:26]) == (False, "the evidence is malformed:")
     for text, words in (('{"a": NaN}', "NaN is no number"), ('{"a": 1, "a": 1}', "a key stands twice")):
         assert evidence.check_certificate(text).reason.startswith(words)
     box = {"format": evidence.FORMAT, "evidence": {"kind": "boundedness"}}
