@@ -4,6 +4,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -224,8 +225,7 @@ class _Session:
         names = [_pilot_name(plan) for plan in self._plans]
         with LivePage(first.scenario, names, first.vehicle, real_time=first.real_time) as page:
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
-            import gustproof.simulate.recorder  # while the page's reader looks for Start
-
+            import_module("gustproof.simulate.recorder")  # while the page's reader looks for Start
             self.fly(self._plans[page.wait()], folder, page)
             if self._as_json:
                 return
