@@ -346,6 +346,7 @@ def test_noise_norms_equal_the_covariance_of_the_loop():
     assert np.allclose(rms, np.sqrt(np.diag(covariance)), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_worst_held_moment_stays_inside_and_reaches_most_of_the_box():
     """The sign of each axis's own kernel, reversed in time, is the worst moment of the linear loop."""
     law, samples = load_law("flagship"), 1000
@@ -434,6 +435,7 @@ def test_no_flight_of_ten_thousand_leaves_the_box():
     assert np.all(reached[strapdown.name][0] <= np.radians(proven.truth_deg))
 
 
+@pytest.mark.slow
 def test_square_wave_in_step_with_the_samples_turns_unseen():
     """The law of nature behind the class of any function of time: the gyro reads nothing, the vehicle turns."""
     law, samples = load_law("flagship"), 2500
@@ -458,6 +460,7 @@ def test_drift_grows_with_what_is_left_open_between_samples():
     assert held.evidence["box"] == slow.evidence["box"] == any_function.evidence["box"]
 
 
+@pytest.mark.slow
 def test_noisy_flights_stay_within_the_truths_bound():
     law, horizon = load_law("flagship"), 6.0
     certificate = certify("flagship", horizon, noise=NOISE)
@@ -701,6 +704,7 @@ def least_estimate(sums: list[np.ndarray], moment: np.ndarray) -> np.ndarray:
     return np.degrees(x0)
 
 
+@pytest.mark.slow
 def test_no_random_forgery_is_accepted_that_is_not_true():
     """Of 200 re-sealed forgeries those accepted are true: their box is no less than one found by other means."""
     law, certificate, rng = load_law("flagship"), certify("flagship"), np.random.default_rng(17)

@@ -98,6 +98,7 @@ def test_scalings_are_judged_by_what_they_prove_not_by_who_made_them():
         assert max(abs(np.linalg.eigvals(M @ np.diag([0.0, *np.diag(Delta)[1:]])))) <= level(M)
 
 
+@pytest.mark.slow
 def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
     for stiffness, damping, name, edge in (
         (ureal("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
@@ -143,6 +144,7 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
     assert scalings.band(system.M, 0.2, 2.0) == (2.0, 2.0)
 
 
+@pytest.mark.slow
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)
