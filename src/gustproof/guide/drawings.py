@@ -14,12 +14,12 @@ from PIL import Image
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
-from firmware_model.numerics.rotations import euler_angles
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.law.form import load_law
 from gustproof.performance.covariance import axis_models
 from gustproof.performance.predict import predict
 from gustproof.performance.tradeoff import linear_laws
+from gustproof.recording.derived import angle_records
 from gustproof.report.figure_style import save_figure
 from gustproof.report.figures import save_histories
 from gustproof.simulate.direct import fly_direct
@@ -95,7 +95,7 @@ def _draw_gust(records: Records, path: Path) -> None:
     time = records["time_us"] * 1e-6
     for axes, values, name in (
         (wind, records["gust_B"][:, 1], "gust from the left [m/s]"),
-        (roll, np.degrees(euler_angles(records["q_NB"]))[:, 0], "roll [deg]"),
+        (roll, angle_records(records, None)["euler"][:, 0], "roll [deg]"),
         (torque, records["torque_command_B"][:, 0], "roll torque [N m]"),
     ):
         axes.plot(time, values, color=_COLOURS[_OURS], linewidth=_LINE)
@@ -114,7 +114,7 @@ def _draw_gust_roll(flights: dict[str, Records], path: Path) -> None:
     """Draw the roll of both laws in the same gust."""
     figure, (axes,) = _new_panels(1)
     for law, records in flights.items():
-        roll = np.degrees(euler_angles(records["q_NB"]))[:, 0]
+        roll = angle_records(records, None)["euler"][:, 0]
         axes.plot(records["time_us"] * 1e-6, roll, color=_COLOURS[law], linewidth=_LINE, label=_NAMES[law])
     axes.set(xlabel="time [s]", ylabel="roll [deg]", xlim=(0.0, 6.0))
     _mark_limit(axes, _PEAK_DEG, "allowed")
@@ -154,12 +154,11 @@ def _draw_tuning(vehicle: Vehicle, path: Path) -> None:
 
 def _draw_box(records: Records, path: Path) -> None:
     """Draw the attitude in the worst moment found within the box that is proved for a minute of any moment."""
-    proved = certify_boundedness(_OURS, "paper", moment=_BUDGET_NM, horizon=_MINUTE_S)
+    bounds = certify_boundedness(_OURS, "paper", moment=_BUDGET_NM, horizon=_MINUTE_S).truth_deg or ()
     figure, panels = _new_panels(3)
     kept = records[records["time_us"] <= _MINUTE_S * 1e6]
-    angles = np.degrees(euler_angles(kept["q_NB"]))
-    for axis, (axes, name) in enumerate(zip(panels, _AXES, strict=True)):
-        bound = (proved.truth_deg or proved.estimate_deg)[axis]
+    angles = angle_records(kept, None)["euler"]
+    for axis, (axes, name, bound) in enumerate(zip(panels, _AXES, bounds, strict=True)):
         axes.plot(kept["time_us"] * 1e-6, angles[:, axis], color=_COLOURS[_OURS], linewidth=0.8)
         axes.set(xlabel="time [s]", ylabel=f"{name} [deg]", xlim=(0.0, _MINUTE_S), ylim=(-1.25 * bound, 1.25 * bound))
         _mark_limit(axes, bound, "proved")

@@ -1,8 +1,8 @@
 """Markdown as HTML: headings with anchors, tables that scroll, code in colours, and the text of each section."""
 
 import re
-from collections.abc import Iterator, Sequence
-from itertools import count, pairwise
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import accumulate, count, pairwise
 from typing import NamedTuple
 
 from markdown_it import MarkdownIt
@@ -33,14 +33,16 @@ class Section(NamedTuple):
     """All that is written until the next heading, without marks."""
 
 
-def render_markdown(text: str) -> tuple[str, list[Section]]:
+def render_markdown(text: str, terms: Mapping[str, str] | None = None) -> tuple[str, list[Section]]:
     """Return Markdown with tables as HTML, and the sections that it has.
 
-    Headings have anchors, links lead to pages of the site, wide blocks can be scrolled.
+    Headings have anchors, links lead to pages of the site, wide blocks can be scrolled. The first use of each of the
+    `terms`, with their meanings, leads to the glossary.
     """
     parser = MarkdownIt("commonmark", {"html": False, "highlight": _colour}).enable("table")
     tokens = parser.parse(text)
     _name_headings(tokens)
+    _link_terms(tokens, dict(terms or {}))
     for inline in (child for token in tokens for child in (token.children or ())):
         for key in ("href", "src"):
             if target := inline.attrGet(key):
@@ -68,6 +70,37 @@ def _name_headings(tokens: Sequence[Token]) -> None:
             anchor = heading_anchor(inline.content)
             seen[anchor] = seen.get(anchor, -1) + 1
             opening.attrSet("id", anchor if not seen[anchor] else f"{anchor}-{seen[anchor]}")
+
+
+def _link_terms(tokens: Sequence[Token], unseen: dict[str, str]) -> None:
+    """Lead the first use of each unseen term in a paragraph or a list to the glossary, its meaning as a hint."""
+    for before, token in pairwise(tokens):
+        if before.type == "paragraph_open" and token.children:
+            inside = accumulate((child.type == "link_open") - (child.type == "link_close") for child in token.children)
+            token.children = [
+                part
+                for child, depth in zip(token.children, inside, strict=True)
+                for part in ([child] if depth or child.type != "text" else _split_at_terms(child.content, unseen))
+            ]
+
+
+def _split_at_terms(text: str, unseen: dict[str, str]) -> Iterator[Token]:
+    """Yield the text as tokens, with links at terms, which are then no longer unseen."""
+    while unseen and (found := re.search(rf"\b({'|'.join(map(re.escape, unseen))})\b(?!-)", text)):
+        link = Token("link_open", "a", 1)
+        link.attrs = {"href": f"glossary.md#{term_anchor(found[1])}", "class": "term", "title": unseen.pop(found[1])}
+        yield from (_text(text[: found.start()]), link, _text(found[1]), Token("link_close", "a", -1))
+        text = text[found.end() :]
+    yield _text(text)
+
+
+def _text(content: str) -> Token:
+    return Token("text", "", 0, content=content)
+
+
+def term_anchor(term: str) -> str:
+    """Return the anchor of a term in the glossary."""
+    return f"term-{heading_anchor(term)}"
 
 
 def heading_anchor(heading: str) -> str:

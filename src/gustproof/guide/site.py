@@ -5,6 +5,7 @@ Pages are Markdown, and so read well where they lie. Those of the reference are 
 
 import html
 import json
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gustproof.guide import documents, reference
-from gustproof.guide.rendering import Section, render_markdown
+from gustproof.guide.rendering import Section, render_markdown, term_anchor
 from gustproof.version import __version__
 
 GUIDE = Path(str(files("gustproof.guide")))
@@ -67,6 +68,9 @@ MADE: Mapping[str, Callable[[], str]] = {
 """Pages made from the models; `options` is made from the command line that is given."""
 
 
+_GLOSSARY = "glossary"
+
+
 class Page(NamedTuple):
     """One page of the guide."""
 
@@ -104,12 +108,21 @@ def write_site(pages: Sequence[Page], folder: Path) -> None:
             if file.suffix in {".png", ".svg", ".css", ".js"}:
                 shutil.copyfile(file, folder / file.name)
     index = []
+    terms = list_terms(next((page.markdown for page in pages if page.name == _GLOSSARY), ""))
     for page in pages:
-        body, sections = render_markdown(page.markdown)
+        body, sections = render_markdown(page.markdown, {} if page.name == _GLOSSARY else terms)
+        if page.name == _GLOSSARY:
+            body = re.sub("<strong>(.+?)</strong>", lambda m: f'<strong id="{term_anchor(m[1])}">{m[1]}</strong>', body)
         (folder / f"{page.name}.html").write_text(_render_page(page, pages, body, sections), encoding="utf-8")
         index += [(page.name, each.anchor, page.title, each.title, each.text) for each in sections]
     words = json.dumps(index, ensure_ascii=False, separators=(",", ":"))
     (folder / "search.js").write_text(f"guideIndex({words});\n", encoding="utf-8")
+
+
+def list_terms(glossary: str) -> dict[str, str]:
+    """Return the meaning of each term of the glossary, without marks."""
+    found = re.findall(r"^- \*\*(.+?)\*\*[^:\n]*: (.+?)(?=\n\n|\n- |\Z)", glossary, re.MULTILINE | re.DOTALL)
+    return {term: re.sub(r"[`*]", "", " ".join(meaning.split())) for term, meaning in found}
 
 
 def _render_page(page: Page, pages: Sequence[Page], body: str, sections: Sequence[Section]) -> str:

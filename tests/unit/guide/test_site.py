@@ -78,6 +78,18 @@ def test_the_search_knows_every_section_of_every_page(pages, folder):
     assert any("coning" in words for page, *_, words in index if page == "theory")
 
 
+def test_the_first_use_of_a_term_leads_to_its_entry(folder):
+    theory = (folder / "theory.html").read_text(encoding="utf-8")
+    assert theory.count('href="glossary.html#term-coning"') == 1
+    assert re.search(
+        r'<a href="glossary.html#term-ms" class="term" title="peak of the sensitivity[^"]*">Ms</a>', theory
+    )
+    assert 'class="term"' not in (folder / "glossary.html").read_text(encoding="utf-8")
+    shown, _ = render_markdown("# leak\n\nno [leak](a.md), `leak`, a leak, a leak-free leak", {"leak": "of <it>"})
+    assert shown.count('title="of &lt;it&gt;">leak</a>, a leak-free') == 1
+    assert shown.count("glossary.html") == 1
+
+
 def test_code_has_colours_and_long_pages_list_their_sections(folder):
     library, tutorial = ((folder / f"{name}.html").read_text(encoding="utf-8") for name in ("library", "tutorial"))
     assert '<span class="kn">import</span>' in library
