@@ -45,8 +45,8 @@ class Analysis:
     placement: Placement | None
     """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
     scheduled_Ms: float | None
-    """[-] largest Ms with the parameters of a schedule held at any corner of their box, the vehicle at hover; infinite
-    if one is unstable, `None` without a schedule or for a rate law."""
+    """[-] largest Ms at the corners of a schedule's box, parameters held, the vehicle at hover; infinite if one is
+    unstable. `None` without a schedule or for a rate law."""
     step_records: Records
     """Flight under a moment step about each axis, without wind or noise."""
     step_moment: tuple[float, float, float]

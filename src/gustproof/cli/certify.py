@@ -208,8 +208,6 @@ def certify(
     gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
     gain |= {"delay_ms": delay_ms, "saturation": saturation}
     if check_file is not None:
-        if name is not None and name.endswith(".json"):
-            raise ConfigError("--check takes the certificate of a law file's gain alone: it holds its loop")
         if (name is None) != (envelope is None):
             raise ConfigError("--check takes a gain's design with its envelope, or a flight's --law and --vehicle")
         derived = None
@@ -289,6 +287,8 @@ def _find_design(name: str) -> "Design":
     from gustproof.law.form import list_laws
     from gustproof.synthesis.designs import list_designs, load_design
 
+    if name.endswith(".json"):
+        raise ConfigError("--check takes the certificate of a law file's gain alone: it holds its loop")
     if name not in list_laws():
         return load_design(name)
     made_from = {design.law: design for design in map(load_design, list_designs())}

@@ -136,8 +136,8 @@ class Schedule:
     Angles are the law's own estimates `E` before the sample, rates the gyro's at the sample. Both hold over it: for
     parameters at rest the law is the trapezoidal rule's image of the continuous one.
 
-    With |L| < 1 the equation of `w` has one solution for every Delta, and elimination finds it without pivots:
-    `I - Delta L` has a positive definite symmetric part, and so has what remains at each step.
+    With |L| < 1 the equation of `w` has one solution for every Delta. Elimination finds it without pivots: the
+    symmetric part of `I - Delta L` is positive definite, and so is that of what remains at each step.
 
     References
     ----------
@@ -237,10 +237,8 @@ class Law:
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
         if np.any(self.G) and n < 6:
             raise ValueError(f"G is not 0 but A has order {n}; attitude and rates need x[0:6]")
-        if self.rate_limit is not None:
-            object.__setattr__(self, "rate_limit", _checked(self.rate_limit, n, m))
-        if self.schedule is not None:
-            object.__setattr__(self, "schedule", _checked_schedule(self.schedule, n, m))
+        object.__setattr__(self, "rate_limit", self.rate_limit and _checked(self.rate_limit, n, m))
+        object.__setattr__(self, "schedule", self.schedule and _checked_schedule(self.schedule, n, m))
 
     @property
     def order(self) -> int:
@@ -403,15 +401,21 @@ def _parse_part(name: str, kind: type[Any], document: Any) -> Any:
     return kind(**document)
 
 
-def _parse_law(document: Any) -> Law:
+_OPTIONAL = {"rate_limit": RateLimit, "schedule": Schedule}
+
+
+def _check_keys(document: Any) -> None:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"format: must be '{FORMAT}'")
     keys = {"format", "name", "output", "dt", "limits", "provenance", *_MATRICES}
-    optional = {"rate_limit": RateLimit, "schedule": Schedule}
-    if unknown := sorted(set(document) - keys - set(optional)):
+    if unknown := sorted(set(document) - keys - set(_OPTIONAL)):
         raise ValueError(f"{unknown[0]}: unknown key")
     if missing := sorted(keys - set(document)):
         raise ValueError(f"{missing[0]}: missing")
+
+
+def _parse_law(document: Any) -> Law:
+    _check_keys(document)
     provenance = document["provenance"]
     if not isinstance(provenance, dict):
         raise ValueError("provenance: must be an object")
@@ -429,7 +433,7 @@ def _parse_law(document: Any) -> Law:
         limits=document["limits"],
         output=Output(document["output"]),
         provenance=Provenance(**provenance),
-        **{key: _parse_part(key, kind, document[key]) for key, kind in optional.items() if key in document},
+        **{key: _parse_part(key, kind, document[key]) for key, kind in _OPTIONAL.items() if key in document},
     )
 
 
@@ -445,7 +449,6 @@ def _format_object(document: dict[str, Any], margin: str) -> str:
             rows = f",\n{margin}    ".join(json.dumps(row) for row in value)
             text = f"[\n{margin}    {rows}\n{margin}  ]"
         else:
-            is_part = key in ("rate_limit", "schedule")
-            text = _format_object(value, "  ") if is_part else json.dumps(value, ensure_ascii=False)
+            text = _format_object(value, "  ") if key in _OPTIONAL else json.dumps(value, ensure_ascii=False)
         lines.append(f'{margin}  "{key}": {text}')
     return "{\n" + ",\n".join(lines) + f"\n{margin}}}"

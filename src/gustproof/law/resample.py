@@ -49,7 +49,8 @@ def resample(law: Law, rate: float) -> Law:
     own = 1.0 / law.dt
     if abs(rate - own) < _TOLERANCE * own:
         return law
-    moved = _resample_strapdown(law, 1.0 / rate) if _is_strapdown(law) else _resample_whole(law, 1.0 / rate)
+    strapdown = law.schedule is None and _is_strapdown(law)
+    moved = _resample_strapdown(law, 1.0 / rate) if strapdown else _resample_whole(law, 1.0 / rate)
     design = f"{law.provenance.design}; resampled from {own:g} Hz by Tustin's rule"
     return replace(
         moved, name=f"{law.name}-{rate:g}hz".replace(".", "_"), provenance=replace(law.provenance, design=design)
@@ -108,7 +109,7 @@ def _is_strapdown(law: Law) -> bool:
     `x0+ = x0 + dt T(x0) x1 + dt/2 (g - x1)` and `x1+ = g`; every other sum takes the attitude `x0 + dt/2 (x1 + g)`.
     """
     n, half = law.order, 0.5 * law.dt
-    if n < 6 or law.uses_accelerometer or law.schedule is not None:
+    if n < 6 or law.uses_accelerometer:
         return False
     own = np.zeros((6, n + law.D.shape[1] + 3))
     for i in range(3):

@@ -36,7 +36,7 @@ class SparseLaw(NamedTuple):
     """Nonzero terms of a law."""
 
     ends: NDArray[np.int64]
-    """(k + 3 or 6 + n,) end of the terms of each input of a schedule and each limited rate, if there are such, each
+    """(k + 3 or 6 + n,) end of the terms of each input of a schedule, each limited rate, if there are such, each
     command and each next state."""
     terms: Matrix
     """(m, 2) offset in the vector, coefficient; sums are padded with 0 times the vector's 0."""
@@ -51,7 +51,7 @@ class SparseLaw(NamedTuple):
     attitude_limits: Matrix
     """(3,) [rad] attitude estimates that ask for these rates."""
     schedule: Matrix
-    """(k, `SCHEDULE_SIZE` + k) parameters of a schedule, and its L; k is 0 without one."""
+    """(k, SCHEDULE_SIZE + k) parameters of a schedule, and its L; k is 0 without one."""
 
 
 def sparse_law(law: Law) -> SparseLaw:
@@ -59,7 +59,7 @@ def sparse_law(law: Law) -> SparseLaw:
     own = law.rate_limit or RateLimit(S=_NONE, T=_NONE, U=_NONE, V=_NONE, limits=np.full(3, np.inf))
     turn = law.schedule or Schedule(parameters=(), limits=_NONE, J=_NONE, K=_NONE, L=_NONE, P=_NONE, Q=_NONE)
     n, k = law.order, len(turn.parameters)
-    first = k if law.rate_limit is None else k + 3
+    first = k + 3 * (law.rate_limit is not None)
     whole = np.zeros((first + 3 + n, n + EXTRA_SIZE + k))
     columns = (
         (0, (turn.J, own.S, law.C, law.A)),
@@ -210,13 +210,11 @@ def _schedule(law: SparseLaw, z: Matrix, n: int) -> int:
 @kernel
 def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
     """Write the command for the vector `z`, see `vector_size`, and advance its states by a sample; `work` is (n,)."""
-    n, begin = work.size, 0
-    k = law.schedule.shape[0]
+    n, k = work.size, law.schedule.shape[0]
     if law.is_levelled:
         force = (z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2])
         z[n + FORCE], z[n + FORCE + 1] = tilt(force, (z[0], z[1]))
-    if k > 0:
-        begin = _schedule(law, z, n)
+    begin = _schedule(law, z, n)
     if law.ends.size > k + 3 + n:
         for i in range(3):
             z[n + RATE_EXCESS + i] = _sum(law.terms, begin, law.ends[k + i], z)

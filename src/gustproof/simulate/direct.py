@@ -57,7 +57,7 @@ class _DirectFlight(NamedTuple):
     bound: float
     """[-] largest magnitude of the command on the wire."""
     z: Array
-    """(`vector_size`,) vector that the law sums, see `law.step`."""
+    """(vector_size,) vector that the law sums, see `law.step`."""
     command: Array
     """(3,) [N*m or rad/s] B."""
     work: Array

@@ -94,7 +94,7 @@ class Batch(NamedTuple):
     torque_limit: Array
     """(3 * LANES,) [N*m] B."""
     z: Array
-    """(`vector_size`, LANES) vectors that the law sums, see `law.step`."""
+    """(vector_size, LANES) vectors that the law sums, see `law.step`."""
     work: Array
     """(n, LANES) next states of the law."""
     commands: Array
@@ -291,15 +291,13 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
 @kernel
 def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     """Do the work of `law_kernel`, each flight's sums in the same order."""
-    n, begin = work.shape[0], 0
-    k = law.schedule.shape[0]
+    n, k = work.shape[0], law.schedule.shape[0]
     if law.is_levelled:
         for w in range(LANES):
             force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
             roll, pitch = tilt(force, (z[0, w], z[1, w]))
             z[n + FORCE, w], z[n + FORCE + 1, w] = roll, pitch
-    if k > 0:
-        begin = _schedule(law, z, n)
+    begin = _schedule(law, z, n)
     if law.ends.size > k + 3 + n:
         begin = _limit_rates(law, z, n, k)
         k += 3
@@ -355,23 +353,29 @@ def _schedule(law: SparseLaw, z: Array, n: int) -> int:
             one, of_delta = 1.0 if i == j else 0.0, rows[i, SCHEDULE_SIZE + j]
             for w in range(LANES):
                 z[m + i * k + j, w] = one - delta[w] * of_delta
+    _eliminate(z[m:], z[at:], k)
+    return int(begin)
+
+
+@kernel
+def _eliminate(m: Array, x: Array, k: int) -> None:
+    """Write the solution of (k, k) equations `m` in place of their right sides `x`."""
     for c in range(k):
         for i in range(c + 1, k):
-            share = z[m + i * k + c]  # below the diagonal nothing is read again
+            share = m[i * k + c]  # below the diagonal nothing is read again
             for w in range(LANES):
-                share[w] = share[w] / z[m + c * k + c, w]
+                share[w] = share[w] / m[c * k + c, w]
             for j in range(c + 1, k):
                 for w in range(LANES):
-                    z[m + i * k + j, w] -= share[w] * z[m + c * k + j, w]
+                    m[i * k + j, w] -= share[w] * m[c * k + j, w]
             for w in range(LANES):
-                z[at + i, w] -= share[w] * z[at + c, w]
+                x[i, w] -= share[w] * x[c, w]
     for i in range(k - 1, -1, -1):
         for j in range(i + 1, k):
             for w in range(LANES):
-                z[at + i, w] -= z[m + i * k + j, w] * z[at + j, w]
+                x[i, w] -= m[i * k + j, w] * x[j, w]
         for w in range(LANES):
-            z[at + i, w] /= z[m + i * k + i, w]
-    return int(begin)
+            x[i, w] /= m[i * k + i, w]
 
 
 @kernel

@@ -170,9 +170,7 @@ def c_name(name: str) -> str:
 
 def _source(writer: "_Writer", words: dict[str, str]) -> str:
     law = writer.law
-    kind = "Scheduled with the exact kinematics of its own attitude estimate." if np.any(law.G) else "Linear."
-    if law.schedule is not None:
-        kind = f"Scheduled on {', '.join(dict.fromkeys(law.schedule.parameters))} of its estimate and its gyro."
+    kind = _kind(law)
     if writer.attitude is Attitude.AUTOPILOT:
         kind += " After each step its attitude becomes the autopilot's."
     if law.rate_limit is not None:
@@ -191,8 +189,7 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "euler_excess": bool(np.any(law.G)),
             "sin_cos_single": law.rate_limit is not None or law.schedule is not None,
         }
-    angles = law.schedule is not None and not set(ANGLES).isdisjoint(law.schedule.parameters)
-    parts |= {"half_tangent": angles}
+    parts |= {"half_tangent": writer.reads_angles}
     parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
     functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed)
     prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
@@ -213,6 +210,12 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
         },
     )
+
+
+def _kind(law: Law) -> str:
+    if law.schedule is not None:
+        return f"Scheduled on {', '.join(dict.fromkeys(law.schedule.parameters))}: its estimate, its gyro."
+    return "Scheduled with the exact kinematics of its own attitude estimate." if np.any(law.G) else "Linear."
 
 
 def _header(writer: "_Writer", words: dict[str, str]) -> str:
@@ -330,6 +333,12 @@ class _Writer(NamedTuple):
         return inputs_of(self.law) + 3 * (self.attitude is Attitude.AUTOPILOT)
 
     @property
+    def reads_angles(self) -> bool:
+        """True if an estimated angle is a parameter of its schedule."""
+        schedule = self.law.schedule
+        return schedule is not None and not set(ANGLES).isdisjoint(schedule.parameters)
+
+    @property
     def rows(self) -> int:
         """Count of states; C has no empty arrays, so a static law gets one unused state."""
         return max(self.law.order + (0 if self.single is None else len(self.single.wide)), 1)
@@ -404,8 +413,10 @@ class _Writer(NamedTuple):
         parts = [
             "/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"
         ] * law.uses_accelerometer
+        P, Q = none[:, :0], np.zeros((n, 0))
         if law.schedule is not None:
             parts += self._schedule(law.schedule, names)
+            P, Q = law.schedule.P, law.schedule.Q
         if limit is not None:
             parts += [
                 "/* rates commanded from attitude, and what is over their limits */",
@@ -416,7 +427,6 @@ class _Writer(NamedTuple):
                 "rate_excess(x, s, rate_limits, attitude_limits, over);\n",
             ]
         U, V = (none[:, :3], np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
-        P, Q = (none[:, :0], V[:, :0]) if law.schedule is None else (law.schedule.P, law.schedule.Q)
         parts += [
             f"/* command about each axis, before and within its limit */\n{real} u[3];",
             *self._sums("u", np.hstack([law.C, law.D, none, U, P]), names),
@@ -447,6 +457,11 @@ class _Writer(NamedTuple):
             for j, value in enumerate(row):
                 sign, one = "-" if value >= 0.0 else "+", number(float(i == j))
                 yield f"rest[{i}][{j}] = {one} {sign} share[{i}] * {number(abs(value))};"
+        yield from self._elimination(k)
+        yield ""
+
+    @staticmethod
+    def _elimination(k: int) -> Iterator[str]:
         for c in range(k):
             for i in range(c + 1, k):
                 yield f"factor = rest[{i}][{c}] / rest[{c}][{c}];"
@@ -455,7 +470,6 @@ class _Writer(NamedTuple):
         for i in range(k - 1, -1, -1):
             yield from (f"turned[{i}] -= rest[{i}][{j}] * turned[{j}];" for j in range(i + 1, k))
             yield f"turned[{i}] /= rest[{i}][{i}];"
-        yield ""
 
     def filled(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
         """Return a part of a library, empty if it is none; `lanes` are in double precision alone."""
