@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_model.numerics import random
 from firmware_model.numerics.compiled import align_stack, compiled, kernel
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
-from firmware_model.numerics.soa import Lane, aligned_zeros
+from firmware_model.numerics.soa import Lane, aligned_zeros, mover, summer
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
@@ -30,7 +30,6 @@ from gustproof.law.step import (
     RATES,
     SATURATION,
     SCHEDULE_SIZE,
-    TERM_BLOCK,
     SparseLaw,
     euler_rates,
     rate_excess,
@@ -43,6 +42,7 @@ from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
+_sum, _move, _move_three = summer(LANES), mover(LANES), mover(3 * LANES)
 _STEP_SIZE = MEASURED_SIZE + 3
 _GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
@@ -281,11 +281,11 @@ def _is_unusual(free: bool, params: Array, state: Array, dt: float) -> bool:
 @kernel
 def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> None:
     """Write the inputs of a law: rates, reference, specific force."""
+    _move_three(record, journal.GYRO_B * LANES, z, n * LANES)
+    _move_three(record, journal.FORCE_B * LANES, z, (n + FORCE) * LANES)
     for i in range(3):
         for w in range(LANES):
-            z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
             z[n + 3 + i, w] = reference[i]
-            z[n + FORCE + i, w] = record[(journal.FORCE_B + i) * LANES + w]
 
 
 @kernel
@@ -317,8 +317,7 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
         _sum(law.terms, begin, law.ends[k + 3 + i], z, work[i])
         begin = law.ends[k + 3 + i]
     for i in range(n):
-        for w in range(LANES):
-            z[i, w] = work[i, w]
+        _move(work, i * LANES, z, i * LANES)
 
 
 @kernel
@@ -382,34 +381,21 @@ def _eliminate(m: Array, x: Array, k: int) -> None:
 def _limit_rates(law: SparseLaw, z: Array, n: int, first: int) -> int:
     """Write the excess of the rates commanded from attitude, mostly 0; their sums begin with the `first`."""
     begin, limited = 0 if first == 0 else law.ends[first - 1], False
+    limits, angles, s = law.rate_limits, law.attitude_limits, z[n + RATE_EXCESS : n + RATE_EXCESS + 3]
     for i in range(3):
-        rates, limit, angle = z[n + RATE_EXCESS + i], law.rate_limits[i], law.attitude_limits[i]
-        _sum(law.terms, begin, law.ends[first + i], z, rates)
-        for w in range(LANES):
-            limited |= not (abs(rates[w]) <= limit and abs(z[i, w]) <= angle)
+        _sum(law.terms, begin, law.ends[first + i], z, s[i])
         begin = law.ends[first + i]
+    for w in range(LANES):
+        rates = (abs(s[0, w]) <= limits[0]) & (abs(s[1, w]) <= limits[1]) & (abs(s[2, w]) <= limits[2])
+        level = (abs(z[0, w]) <= angles[0]) & (abs(z[1, w]) <= angles[1]) & (abs(z[2, w]) <= angles[2])
+        limited |= not (rates & level)
     if limited:
         for w in range(LANES):
-            rates_w = (z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w])
-            excess = rate_excess(rates_w, (z[0, w], z[1, w]), law.rate_limits, law.attitude_limits)
-            z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w] = excess
+            excess = rate_excess((s[0, w], s[1, w], s[2, w]), (z[0, w], z[1, w]), limits, angles)
+            s[0, w], s[1, w], s[2, w] = excess
     else:
-        z[n + RATE_EXCESS : n + RATE_EXCESS + 3] = 0.0
+        s[:] = 0.0
     return int(begin)
-
-
-@kernel
-def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
-    """Write the sum of some terms, four at a time: loading and storing the sum takes most of the time."""
-    for t in range(begin, end, TERM_BLOCK):
-        a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
-        i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
-        if t == begin:
-            for w in range(LANES):
-                total[w] = 0.0 + a * i[w] + b * j[w] + c * k[w] + d * m[w]
-        else:
-            for w in range(LANES):
-                total[w] = total[w] + a * i[w] + b * j[w] + c * k[w] + d * m[w]
 
 
 @kernel
