@@ -18,6 +18,7 @@ import scipy.linalg
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSine, MomentSquare
+from gustproof.certify import boundedness
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
 from gustproof.certify.check import estimate_box, kernel_norms, truth_drift
 from gustproof.certify.check.attitude_offset import bound_offset
@@ -76,7 +77,7 @@ def fly(
     law: Law,
     moments: Callable[[int, float], np.ndarray],
     samples: int,
-    substeps: int = 4,
+    substeps: int = 2,
     noise: float = 0.0,
     seed: int = 1,
     vehicle: Vehicle = VEHICLE,
@@ -220,14 +221,17 @@ def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, no
         (
             "hinf-rates",
             {"horizon": None, "noise": NOISE, "inertia_spread": 0.1, "lag_spread": 0.1},
-            (1.108905, 1.342510, 1.263027),
+            (1.223213, 1.474887, 1.390763),
             None,
-            (0.0456708, 4.006373, 4.085954, 0.325202),
+            (0.0488154, 4.252142, 4.369048, 0.354829),
         ),
     ],
 )
-def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bounds):
+def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bounds, monkeypatch):
     """Figures pinned to six digits: a term left out, or another factor, moves one of them."""
+    if name == "hinf-rates":  # wider cells: a tenth of the time, and the same terms
+        monkeypatch.setattr(boundedness, "_INERTIA_CELLS", 6)
+        monkeypatch.setattr(boundedness, "_LAG_CELLS", 8)
     certificate = certify_boundedness(name, "paper", moment=MOMENT, **options)
     assert certificate.estimate_deg == pytest.approx(estimate, abs=2e-6)
     assert certificate.truth_deg == (None if truth is None else pytest.approx(truth, abs=2e-6))
@@ -346,7 +350,7 @@ def test_noise_norms_equal_the_covariance_of_the_loop():
     assert np.allclose(rms, np.sqrt(np.diag(covariance)), rtol=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_worst_held_moment_stays_inside_and_reaches_most_of_the_box():
     """The sign of each axis's own kernel, reversed in time, is the worst moment of the linear loop."""
     law, samples = load_law("flagship"), 1000
@@ -374,6 +378,7 @@ def test_the_truth_of_a_filtered_attitude_is_bounded_over_a_minute(name, least, 
     assert "no bound below a radian" in certify(name, 600.0).statement
 
 
+@pytest.mark.compiled
 def test_the_offset_of_a_filtered_attitude_is_nearly_reached_in_flight():
     """The moment's signs are those of the offset's own kernel, reversed in time."""
     law, samples = load_law("hinf-scheduled"), 800
@@ -395,6 +400,7 @@ def test_the_offset_of_a_filtered_attitude_is_nearly_reached_in_flight():
     assert np.max(still.offset) < 1e-15  # a strapdown law has none
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("signal", [COMMAND, X1])
 def test_worst_moments_of_command_and_rate_reach_most_of_the_box(signal):
     law, samples = load_law("flagship"), 600
@@ -435,7 +441,7 @@ def test_no_flight_of_ten_thousand_leaves_the_box():
     assert np.all(reached[strapdown.name][0] <= np.radians(proven.truth_deg))
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_square_wave_in_step_with_the_samples_turns_unseen():
     """The law of nature behind the class of any function of time: the gyro reads nothing, the vehicle turns."""
     law, samples = load_law("flagship"), 2500
@@ -460,13 +466,13 @@ def test_drift_grows_with_what_is_left_open_between_samples():
     assert held.evidence["box"] == slow.evidence["box"] == any_function.evidence["box"]
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_noisy_flights_stay_within_the_truths_bound():
     law, horizon = load_law("flagship"), 6.0
     certificate = certify("flagship", horizon, noise=NOISE)
     assert certificate.assumes["noise_probability"] == 1e-3
     still = np.zeros(3)
-    truths = [fly(law, lambda *_: still, 1500, substeps=2, noise=NOISE, seed=seed).truth for seed in range(4)]
+    truths = [fly(law, lambda *_: still, 1500, noise=NOISE, seed=seed).truth for seed in range(4)]
     assert np.all(np.max(truths, axis=0) <= np.radians(certificate.truth_deg))
 
 
@@ -704,7 +710,6 @@ def least_estimate(sums: list[np.ndarray], moment: np.ndarray) -> np.ndarray:
     return np.degrees(x0)
 
 
-@pytest.mark.slow
 def test_no_random_forgery_is_accepted_that_is_not_true():
     """Of 200 re-sealed forgeries those accepted are true: their box is no less than one found by other means."""
     law, certificate, rng = load_law("flagship"), certify("flagship"), np.random.default_rng(17)

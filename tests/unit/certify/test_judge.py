@@ -640,6 +640,7 @@ def test_a_sample_too_long_for_the_series_is_refused(lag, refused):
     else:
         entry = kernel_norms._plant(of, 0, float(1 / lag))[1][1]
         assert entry == pytest.approx(np.exp(-4.0), rel=1e-15)
+    assert kernel_norms._plant(of._replace(dt=Fraction(4), damping=(Fraction(1, 8),) * 3), 0, 0.125)
     with pytest.raises(Refusal, match="too long"):
         kernel_norms._plant(of._replace(damping=(Fraction(33),) * 3), 0, 4.0)
     with pytest.raises(Refusal, match="too long"):
@@ -668,7 +669,11 @@ def test_tails_are_added_in_full_and_refused_if_they_are_large():
             with pytest.raises(Refusal, match=r"after 1 samples 0\.001 of a unit is left"):
                 kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, 0.0)
     total, square, last, samples = last_of(0.0)
-    for defect, words in ((0.199 - 1e-9, "of a unit is left"), (0.201, "rounding spoils the norms")):
+    two, units = np.ones((2, 5, 4)), np.ones((2, 2))
+    uneven = np.array([[0.15, 0.1], [0.0, 0.0]])  # a quarter in the first cell, twice
+    with pytest.raises(Refusal, match="rounding spoils the norms"):
+        kernel_norms._add_tails(two, two[:, :, 0], np.zeros((2, 2, 4)), 1, uneven, units, units, 0.0)
+    for defect, words in ((0.199 - 1e-9, "of a unit is left"), (0.2, "rounding spoils"), (0.201, "rounding spoils")):
         with pytest.raises(Refusal, match=words):
             kernel_norms._add_tails(total, square, last, samples, np.full((1, 1), defect), centre, centre, 0.0)
 
