@@ -30,8 +30,8 @@ def central_law(
     With `scheduled`, the estimate's kinematics `E' = omega` become `E' = T(E) omega`. At level attitude the law equals
     the linear one exactly.
 
-    A `K` with the parameters t, v, p, q, r of `gustproof.model.rotational` keeps them as a schedule. It may be closed by
-    constant parameters before or after sampling: the law is the same.
+    A `K` with the parameters t, v, p, q, r of `gustproof.model.rotational` keeps them as a schedule. It may be closed
+    by constant parameters before or after sampling: the law is the same.
 
     `H` is 0. Measurements alone drive a central controller, so a stable one (all shipped ones are) cannot wind up. Its
     estimate expects a worst-case disturbance that only the full command opposes. Feeding back the saturated command
