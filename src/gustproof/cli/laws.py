@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from gustproof.law.form import Law
 
 LAW_HELP = (
-    "Name of a shipped law, a .json or .mat file, a folder of tables, or parameters of PX4 or ArduPilot (.params, "
-    ".param), whose own loops are then the law."
+    "Name of a shipped law, a .json or .mat file, or a folder of tables. Parameters of PX4 or ArduPilot (.params, "
+    ".param) mean that autopilot's own loops."
 )
 
 

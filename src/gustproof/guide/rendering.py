@@ -76,7 +76,7 @@ def _link_terms(tokens: Sequence[Token], unseen: dict[str, str]) -> None:
     """Lead the first use of each unseen term in a paragraph or a list to the glossary, its meaning as a hint."""
     for before, token in pairwise(tokens):
         if before.type == "paragraph_open" and token.children:
-            inside = accumulate((child.type == "link_open") - (child.type == "link_close") for child in token.children)
+            inside = accumulate(child.nesting if child.tag in {"a", "em"} else 0 for child in token.children)
             token.children = [
                 part
                 for child, depth in zip(token.children, inside, strict=True)

@@ -180,8 +180,8 @@ class Law:
     Raises
     ------
     ValueError
-        If the name is not allowed in a file name, a shape does not fit, a number is not finite, or a limit or `dt` is
-        not positive.
+        If the name is not allowed in a file name, a shape does not fit, or a number is not finite. Limits and `dt` must
+        be positive.
 
     Examples
     --------

@@ -25,7 +25,10 @@ const MOST = 12, AROUND = 60;
 let index, asked;
 form.hidden = false;
 globalThis.guideIndex = (entries) => {
-  index = entries.map((entry) => ({ entry, head: entry.slice(2, 4).join(" ").toLowerCase(), all: entry[4].toLowerCase() }));
+  index = entries.map((entry) => {
+    const [, , title, heading, text] = entry.map((part) => part.toLowerCase());
+    return { entry, head: `${title} ${heading}`, all: text };
+  });
   search();
 };
 
@@ -45,7 +48,7 @@ function search() {
     (sum, word) => sum && (head.includes(word) ? sum + 10 : all.includes(word) ? sum + 1 : 0), 1);
   const hits = index.map((item) => [score(item), item]).filter(([points]) => points).sort((a, b) => b[0] - a[0]);
   for (const [, { entry: [page, anchor, title, heading, text], all }] of hits.slice(0, MOST)) {
-    const item = document.createElement("li"), link = document.createElement("a"), line = document.createElement("span");
+    const [item, link, line] = ["li", "a", "span"].map((tag) => document.createElement(tag));
     const at = Math.max(0, all.indexOf(words.find((word) => all.includes(word)) ?? "") - AROUND);
     link.href = `${page}.html#${anchor}`;
     link.textContent = heading === title ? title : `${title}: ${heading}`;
