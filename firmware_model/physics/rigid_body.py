@@ -130,22 +130,32 @@ def _turn_rate(_: float, q_NB: Quaternion, omega_B: Vector) -> Quaternion:
 
 
 @kernel
-def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`."""
+def free_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state in free flight, in a `Body`."""
     F_x, F_y, F_z = inputs.force_B
-    F_N = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
-    free, free_inverse_mass = params.free, params.free * params.inverse_mass
-    v_north, v_east, v_down = body.velocity_N
-    down_rate = free * (params.inverse_mass * F_N[2] + GRAVITY)
+    north, east, down = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
     acting = (params, inputs.moment_B, inputs.gust_omega_B)
     return Body(
-        (free * v_north, free * v_east, free * v_down),
-        (free_inverse_mass * F_N[0], free_inverse_mass * F_N[1], down_rate),
+        body.velocity_N,
+        (params.inverse_mass * north, params.inverse_mass * east, params.inverse_mass * down + GRAVITY),
         _turn_rate(0.0, body.q_NB, body.omega_B),
         _omega_rate(acting, body.omega_B, body.torque_B),
         _torque_rate(params.bandwidth, body.torque_B, inputs.torque_command_B),
-        params.bandwidth * (inputs.thrust_command - body.thrust),
+        _thrust_rate(params.bandwidth, body.thrust, inputs.thrust_command),
     )
+
+
+@kernel
+def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state of any vehicle, free or held, in a `Body`."""
+    rate = free_derivative(params, body, inputs)
+    position_rate, velocity_rate = _scale(params.free, rate.position_N), _scale(params.free, rate.velocity_N)
+    return Body(position_rate, velocity_rate, rate.q_NB, rate.omega_B, rate.torque_B, rate.thrust)
+
+
+@kernel
+def _scale(factor: float, v: Vector) -> Vector:
+    return factor * v[0], factor * v[1], factor * v[2]
 
 
 @kernel
