@@ -311,10 +311,11 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
 
 def _roots(y: Matrix, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> list[ComplexMatrix]:
     """Return Cholesky's factors of `offset + y . barrier`; raises `LinAlgError` outside the barriers."""
-    return [
-        np.linalg.cholesky(_hermitian_part(offset + np.dot(y[None], barrier.reshape(y.size, -1)).reshape(offset.shape)))
+    points = [
+        offset + np.dot(y[None], barrier.reshape(y.size, -1)).reshape(offset.shape)
         for offset, barrier in zip(offsets, barriers, strict=True)
     ]
+    return [np.asarray(np.linalg.cholesky(_hermitian_part(point)), dtype=complex) for point in points]
 
 
 def _move_inside(
