@@ -143,11 +143,9 @@ def fly(
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
     from gustproof.recording.folder import make_run_folder
-    from gustproof.simulate.flight import FlightPlan
 
     laws: list[str | None] = [*law] if law else [None]
-    if len(laws) > 1 and (not view or as_json or autopilot or repeat or run):
-        raise ConfigError("more than one --law is for --view of our own flights; `gustproof compare` flies them all")
+    _refuse_several(laws, allowed=view and not any((as_json, autopilot, repeat, run)))
     table_run = _find_run(context, run, scenario, laws[0]) if run and not repeat else None
     plans: list[FlightPlan | GuestPlan]
     if table_run:
@@ -164,15 +162,22 @@ def fly(
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
         pilots = [_find_pilot(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws]
-        plans = [FlightPlan(script, flown, airframe, seed, real_time) for flown, airframe in pilots]
-    folder = make_run_folder(out, "fly")
+        plans = _make_plans(script, pilots, seed, real_time=real_time)
     session = _Session(plans, repeat, table_run, tlog=tlog, as_json=as_json)
-    if view:
-        session.fly_on_page(folder, out)
-    else:
-        session.fly(plans[0], folder)
-    if session.failure:
-        raise session.failure
+    session.run(make_run_folder(out, "fly"), out, view=view)
+
+
+def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
+    if len(laws) > 1 and not allowed:
+        raise ConfigError("more than one --law is for --view of our own flights; `gustproof compare` flies them all")
+
+
+def _make_plans(
+    script: "Scenario", pilots: "Sequence[tuple[Pilot, Vehicle]]", seed: int, *, real_time: bool
+) -> "list[FlightPlan | GuestPlan]":
+    from gustproof.simulate.flight import FlightPlan
+
+    return [FlightPlan(script, pilot, vehicle, seed, real_time) for pilot, vehicle in pilots]
 
 
 class _Session:
@@ -190,7 +195,16 @@ class _Session:
         self._plans, self._repeat, self._table_run = plans, repeat, table_run
         self._tlog, self._as_json = tlog, as_json
         self._bags: list[Path] = []
-        self.failure: typer.Exit | None = None
+        self._failure: typer.Exit | None = None
+
+    def run(self, folder: Path, out: Path | None, *, view: bool) -> None:
+        """Fly into `folder` once, or with `view` as often as the page says; then exit with the first failure."""
+        if view:
+            self.fly_on_page(folder, out)
+        else:
+            self.fly(self._plans[0], folder)
+        if self._failure:
+            raise self._failure
 
     def fly(self, plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None" = None) -> None:
         """Fly, print the result, and end at an interruption."""
@@ -214,7 +228,7 @@ class _Session:
         _print_flight(result, comparison, as_json=self._as_json)
         if interrupted:
             raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
-        self.failure = self.failure or _report_failures(result, comparison, folder)
+        self._failure = self._failure or _report_failures(result, comparison, folder)
 
     def fly_on_page(self, folder: Path, out: Path | None) -> None:
         """Fly whenever a page says so, until no page is open; the flights after the first get folders of their own."""

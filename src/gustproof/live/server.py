@@ -105,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
             file, kind = _FILES[name]
             body = resources.files("gustproof.live").joinpath("assets", file).read_bytes()
             self._answer(HTTPStatus.OK, body, f"{kind}; charset=utf-8")
-        elif name in self.server.pages and (text := self.server.pages[name]()):
+        elif name is not None and name in self.server.pages and (text := self.server.pages[name]()):
             self._answer(HTTPStatus.OK, text.encode(), "text/html; charset=utf-8", _OWN_SCRIPTS)
         elif name is not None:
             self._answer(HTTPStatus.NOT_FOUND)

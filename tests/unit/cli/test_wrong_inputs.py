@@ -47,6 +47,7 @@ fly paper --vehicle empty.toml --law hinf-d1
 fly paper --vehicle paper.txt --law hinf-d1
 fly paper --instance 300 --autopilot px4
 fly paper --instance 3
+fly paper --law hinf-d1 --law pid-fair
 fly paper --autopilot px5
 fly paper --autopilot px4 --build nowhere
 fly paper --autopilot px4 --controller x.py:make

@@ -1,7 +1,7 @@
 """One HTML file on a judgement: verdict and evidence, the loop with its limits, and the flights that show it."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from html import escape
 from itertools import product
@@ -75,36 +75,38 @@ def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[s
 def _render_headline(found: Judgement, better: Judgement | None) -> str:
     """Return error, slew, peak sensitivity and worst gust as tiles, a line for each law."""
     judged = [each for each in (found, better) if each is not None]
-
-    def lines(pairs: Iterable[tuple[float | None, str]]) -> list[str]:
-        texts = [("–" if value is None else f"{value:.3g}", beside) for value, beside in pairs]
-        return [render_tile_line(i, each.law.name, *texts[i]) for i, each in enumerate(judged)]
-
-    gusts = [None if each.gust is None else each.gust.peak_deg for each in judged]
-    bounds = [each.proof.estimate_deg if each.proof is not None else None for each in judged]
-    proofs = [f"≤ {max(bound):.3g}" if bound else "not proved" for bound in bounds]
-    spreads = [
-        "" if each.Ms_over_spreads is None else f"{'≤' if each.is_proved else 'found'} {each.Ms_over_spreads:.3g}"
-        for each in judged
-    ]
-    return render_tiles(
-        (
-            (
-                "Predicted error <small>deg; beside: least</small>",
-                lines((each.rmse_deg, _beside(each)) for each in judged),
-            ),
-            ("Torque slew <small>N m/s</small>", lines((each.slew, "") for each in judged)),
-            (
-                "Ms <small>beside: over the spreads</small>",
-                lines(zip((each.Ms for each in judged), spreads, strict=True)),
-            ),
-            ("Worst gust found <small>deg; beside: proof</small>", lines(zip(gusts, proofs, strict=True))),
-        )
-    )
+    tiles = []
+    for heading, figure in _TILES.items():
+        lines = [render_tile_line(i, each.law.name, *figure(each)) for i, each in enumerate(judged)]
+        tiles.append((heading, lines))
+    return render_tiles(tiles)
 
 
-def _beside(found: Judgement) -> str:
-    return "" if found.least_rmse_deg is None else f"{found.least_rmse_deg:.3g}"
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _describe_peak(found: Judgement) -> tuple[str, str]:
+    sign = "≤" if found.is_proved else "found"
+    return _number(found.Ms), f"{sign} {_number(found.Ms_over_spreads)}"
+
+
+def _describe_gust(found: Judgement) -> tuple[str, str]:
+    bound = found.proof.estimate_deg if found.proof is not None else None
+    proof = f"≤ {max(bound):.3g}" if bound else "not proved"
+    return _number(found.gust.peak_deg if found.gust is not None else None), proof
+
+
+_TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
+    "Predicted error <small>deg; beside: least</small>": lambda found: (
+        _number(found.rmse_deg),
+        _number(found.least_rmse_deg),
+    ),
+    "Torque slew <small>N m/s</small>": lambda found: (_number(found.slew), ""),
+    "Ms <small>beside: over the spreads</small>": _describe_peak,
+    "Worst gust found <small>deg; beside: proof</small>": _describe_gust,
+}
+"""Heading as HTML, value and remark of each tile."""
 
 
 def _render_list(lines: tuple[str, ...] | list[str]) -> str:
