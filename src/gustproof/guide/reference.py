@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import gustproof
@@ -30,7 +31,7 @@ from gustproof.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
 _EDITORS = (
     "`gustproof guide --schemas DIR` writes these tables as JSON Schemas. An editor that knows TOML, such as VS Code "
     "with Even Better TOML, completes and checks keys by them. Begin the file with "
-    "`#:schema DIR/{kind}.schema.json`.\n\n"
+    "`#:schema ./DIR/{kind}.schema.json`, the path from the file itself.\n\n"
     "Rules between keys are checked when the file is read; each mistake is one line."
 )
 
@@ -163,6 +164,12 @@ def mavlink_messages() -> str:
         (f"`{known[number].msgname}`", str(number), "on request", _message_fields(known[number]))
         for number in sorted(services.on_request)
     ]
+    ids = {message.msgname: number for number, message in known.items()}
+    answers = {ids[name] for name in _answers(type(services))} - {*services.streams, *services.on_request}
+    sent += [
+        (f"`{known[number].msgname}`", str(number), "as an answer", _message_fields(known[number]))
+        for number in sorted(answers)
+    ]
     setpoints = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
     read = [
         (f"`{known[number].msgname}`", str(number), _message_fields(known[number]))
@@ -185,6 +192,12 @@ def mavlink_messages() -> str:
             markdown_table(("command", "id", "meaning in MAVLink"), commands),
         ]
     )
+
+
+def _answers(services: type) -> set[str]:
+    """Return the names of the messages that the sources of the services build."""
+    sources = (path.read_text(encoding="utf-8") for path in Path(inspect.getfile(services)).parent.glob("*.py"))
+    return {name.upper() for text in sources for name in re.findall(r"MAVLink_(\w+)_message", text)}
 
 
 def _interval(interval_us: int | None) -> str:

@@ -30,7 +30,6 @@ KINDS: Mapping[str, type] = {"scenario": Scenario, "vehicle": Vehicle, "design":
 """Model of each kind of file."""
 
 
-@cache
 def attribute_docs(kind: type) -> Mapping[str, str]:
     """Return the docstrings of a class's attributes and properties by name, those of its bases included."""
     docs: dict[str, str] = {}

@@ -163,6 +163,9 @@ def test_reference_has_every_command_key_and_message(folder):
             "/attitude/error",
         )
     )
-    assert all(word in text["messages"] for word in ("HIGHRES_IMU", "SET_ATTITUDE_TARGET", "MAV_CMD_DO_SET_MODE"))
+    assert all(
+        word in text["messages"]
+        for word in ("HIGHRES_IMU", "COMMAND_ACK", "PARAM_VALUE", "SET_ATTITUDE_TARGET", "MAV_CMD_DO_SET_MODE")
+    )
     assert all(word in text["json"] for word in ("rmse_deg", "gamma_opt", "requirements", "certified_up_to_times"))
     assert "fly_direct(scenario, law" in re.sub(r"<[^>]*>", "", text["api"])
