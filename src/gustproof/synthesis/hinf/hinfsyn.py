@@ -287,8 +287,8 @@ def _find_zero(seen: list[tuple[float, float]], low: float, high: float) -> floa
         slope += curvature * (c - b)
         root = slope**2 - 4.0 * fc * curvature
         s = c - 2.0 * fc / (slope + math.copysign(math.sqrt(root), slope)) if root > 0.0 else 0.0
-        if s > 0.0 and low < s**-0.5 < (1.0 + _RESOLUTION) * high:
-            return s**-0.5
+        if s > 0.0 and low < 1.0 / math.sqrt(s) < (1.0 + _RESOLUTION) * high:
+            return 1.0 / math.sqrt(s)
     if len(finite) < 2 or finite[-1][1] == finite[-2][1]:
         return np.nan
     (first, its_margin), (last, margin) = finite[-2:]

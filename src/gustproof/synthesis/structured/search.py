@@ -18,8 +18,6 @@ _HALVINGS = 30
 _STALL = 20
 """Number of steps over which progress is measured."""
 _CYCLES, _JOINT_STEPS = 6, 40
-_FIRST_METRICS = 2
-"""Number of first metrics that are tried in turn."""
 _FIRST_STEP, _LEAST_SHARE = 0.1, 1e-3
 """[-] relative size of the first step, and part of the largest parameter as which smaller ones count in it."""
 _NEAR = 0.05
@@ -58,7 +56,13 @@ class Minimum:
 
 
 def minimize(
-    function: Function, theta: Matrix, *, steps: int, tolerance: float = 1e-6, stop_below: float = -np.inf
+    function: Function,
+    theta: Matrix,
+    *,
+    steps: int,
+    tolerance: float = 1e-6,
+    stop_below: float = -np.inf,
+    relative: bool = False,
 ) -> Minimum:
     """Return a local minimum near `theta`, where the function must be finite; never a higher value.
 
@@ -77,6 +81,8 @@ def minimize(
         [-] relative progress in 20 steps below which a series of steps ends.
     stop_below
         Value below which the search stops.
+    relative
+        True to measure the first steps by relative changes of the parameters, which may be of very different sizes.
 
     References
     ----------
@@ -84,9 +90,10 @@ def minimize(
     135-163. P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86.
     """
     least, value = np.inf, function.value(theta)
+    stops = tolerance, stop_below
     for _ in range(_CYCLES):
-        theta, value, metric = _bfgs(function, theta, value, steps, tolerance, stop_below, None)
-        theta, value, _ = _bfgs(function, theta, value, _JOINT_STEPS, tolerance, stop_below, metric)
+        theta, value, metric = _bfgs(function, theta, value, steps, stops, relative=relative)
+        theta, value, _ = _bfgs(function, theta, value, _JOINT_STEPS, stops, relative=relative, metric=metric)
         if value <= stop_below or least - value <= _CYCLE_GAIN * abs(value):
             break
         least = value
@@ -98,18 +105,20 @@ def _bfgs(
     theta: Matrix,
     value: float,
     steps: int,
-    tolerance: float,
-    stop_below: float,
-    metric: Matrix | None,
+    stops: tuple[float, float],
+    *,
+    relative: bool,
+    metric: Matrix | None = None,
 ) -> tuple[Matrix, float, Matrix]:
     """Return parameters, value and metric after quasi-Newton steps on the largest branch.
 
     With the `metric` of steps before, all nearly active branches are lowered together instead. A metric that has become
-    stale is replaced by a first one.
+    stale is replaced by each of the two first ones in turn. `stops` are the tolerance and the value that end it.
     """
+    tolerance, stop_below = stops
     history, near = [value], 0.0 if metric is None else _NEAR
     branches, fresh = function.branches(theta, near), int(metric is None)  # first metrics tried in turn
-    W = _first_metric(theta, branches, 0) if metric is None else metric
+    W = _first_metric(theta, branches, relative=relative) if metric is None else metric
     for _ in range(steps):
         if value <= stop_below or not branches:
             break
@@ -117,9 +126,9 @@ def _bfgs(
         direction = -W @ gradient
         found = _weak_wolfe(function, theta, value, direction, gradient, stop_below)
         if found is None:
-            if fresh == _FIRST_METRICS:
+            if fresh == 2:
                 break
-            W, fresh = _first_metric(theta, branches, fresh), fresh + 1
+            W, fresh = _first_metric(theta, branches, relative=relative == (fresh == 0)), fresh + 1
             continue
         length, value = found
         theta = theta + length * direction
@@ -133,17 +142,11 @@ def _bfgs(
     return theta, value, W
 
 
-def _first_metric(theta: Matrix, branches: list[Branch], tried: int) -> Matrix:
-    """Return a metric whose first step is a tenth of the parameters, by size in the metric.
-
-    It is that of relative changes of the parameters, which may be of very different sizes; if that was `tried`, of
-    absolute ones.
-    """
+def _first_metric(theta: Matrix, branches: list[Branch], *, relative: bool) -> Matrix:
+    """Return the identity, or a metric in which the first step changes the parameters by a tenth of themselves."""
     squares = theta**2 + (_LEAST_SHARE * np.max(np.abs(theta))) ** 2
-    if tried or not np.any(squares):
-        squares = np.full(theta.size, float(theta @ theta) or 1.0)
     slope = float(branches[0].gradient @ (squares * branches[0].gradient)) if branches else 0.0
-    return np.diag(_FIRST_STEP * squares / (np.sqrt(slope) if slope > 0.0 else 1.0))
+    return np.diag(_FIRST_STEP / np.sqrt(slope) * squares) if relative and slope > 0.0 else np.eye(theta.size)
 
 
 def _weak_wolfe(
