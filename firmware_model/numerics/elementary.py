@@ -140,7 +140,7 @@ def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np
 @kernel
 def _is_tail(u: float) -> bool:
     """Return whether `u` is outside 0.075..0.925, by its bits, which grow with a positive number: the fastest test."""
-    return np.uint64(np.float64(u).view(np.int64) - _LEAST) > np.uint64(_BREADTH)
+    return bool(np.uint64(np.float64(u).view(np.int64) - _LEAST) > np.uint64(_BREADTH))
 
 
 @kernel
