@@ -884,17 +884,25 @@ def test_the_noise_has_least_deviations_that_cover_its_risk(monkeypatch):
     of, zeros, half = loop(), [Fraction(0)] * 3, Fraction(1, 256)
     case = CASE._replace(noise=Fraction(1))
 
+    asked = []
+
     def exp(x: Fraction) -> Fraction:
         if x > 6:  # of the mean square
+            asked.append(x)
             return 3 / half
         return Fraction(21, 5) * x / half if x <= 2 else Fraction(10**9)  # equal up to two deviations
 
     monkeypatch.setattr(truth_drift, "exp_lower_bound", exp)
     monkeypatch.setattr(truth_drift, "sqrt_upper_bound", lambda _: Fraction(1))
     found = truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+    spread = Fraction(math.ceil(1e4 * math.sqrt(math.log(3 / half) / (0.15 * 64))), 10**4)
+    assert asked == [Fraction(3, 20) * 64 * spread**2]
     assert found == (1, 2 * (Fraction(1, 2) + Fraction(1, 16)))  # two deviations: half a radian in the vector part
     with pytest.raises(Refusal, match="may turn the attitude by a radian"):
         truth_drift._noise(of, case._replace(noise=1 + Fraction(1, 10**9)), Disturbance(zeros, zeros, 64, 2 * half))
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: exp(x) * (1 - Fraction(x <= 2, 10**9)))
+    with pytest.raises(Refusal, match="may turn the attitude by a radian"):  # two deviations do not do any longer
+        truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
     monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: (1 - Fraction(1, 10**9)) * exp(x))
     with pytest.raises(Refusal, match="too short to bound"):
         truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
