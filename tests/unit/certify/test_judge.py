@@ -867,6 +867,28 @@ def test_the_truth_without_horizon_is_not_bounded():
 # -- the drift --
 
 
+def test_an_offset_beyond_a_radian_is_refused_and_slow_ones_are_simulated_longer(monkeypatch):
+    of, box, simulated = loop(), [[value / 4096 for value in row] for row in some_box(10)], []
+    disturbance = Disturbance([Fraction(0)] * 3, [Fraction(0)] * 3, 9, Fraction(0))
+    angle = Fraction(1) - max(row[kernel_norms.X0] for row in box)
+
+    def bound(*_: Any, samples: int, steps: int) -> attitude_offset.Offset:
+        simulated.append((samples, steps))
+        if samples < 8:
+            raise Refusal("too slow")
+        return attitude_offset.Offset([angle] * 3, [Fraction(0)] * 3)
+
+    monkeypatch.setattr(attitude_offset, "bound_offset", bound)
+    assert attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)[0][2][kernel_norms.X0] == 1
+    assert simulated == [(2, 9), (4, 9), (8, 9), (8, 9)]
+    angle += Fraction(1, 10**9)
+    with pytest.raises(Refusal, match="no bound below a radian"):
+        attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
+    monkeypatch.setattr(kernel_norms, "LONGEST", 7)
+    with pytest.raises(Refusal, match="samples are 8, must be 1 to 7"):
+        attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
+
+
 def test_noise_over_too_short_or_long_a_flight_is_refused():
     of, zeros = loop(), [Fraction(0)] * 3
     for steps, words in ((44, "too short to bound"), (45, ""), (10**9, "may turn the attitude by a radian")):
@@ -884,17 +906,25 @@ def test_the_noise_has_least_deviations_that_cover_its_risk(monkeypatch):
     of, zeros, half = loop(), [Fraction(0)] * 3, Fraction(1, 256)
     case = CASE._replace(noise=Fraction(1))
 
+    asked = []
+
     def exp(x: Fraction) -> Fraction:
         if x > 6:  # of the mean square
+            asked.append(x)
             return 3 / half
         return Fraction(21, 5) * x / half if x <= 2 else Fraction(10**9)  # equal up to two deviations
 
     monkeypatch.setattr(truth_drift, "exp_lower_bound", exp)
     monkeypatch.setattr(truth_drift, "sqrt_upper_bound", lambda _: Fraction(1))
     found = truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
+    spread = Fraction(math.ceil(1e4 * math.sqrt(math.log(3 / half) / (0.15 * 64))), 10**4)
+    assert asked == [Fraction(3, 20) * 64 * spread**2]
     assert found == (1, 2 * (Fraction(1, 2) + Fraction(1, 16)))  # two deviations: half a radian in the vector part
     with pytest.raises(Refusal, match="may turn the attitude by a radian"):
         truth_drift._noise(of, case._replace(noise=1 + Fraction(1, 10**9)), Disturbance(zeros, zeros, 64, 2 * half))
+    monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: exp(x) * (1 - Fraction(x <= 2, 10**9)))
+    with pytest.raises(Refusal, match="may turn the attitude by a radian"):  # two deviations do not do any longer
+        truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
     monkeypatch.setattr(truth_drift, "exp_lower_bound", lambda x: (1 - Fraction(1, 10**9)) * exp(x))
     with pytest.raises(Refusal, match="too short to bound"):
         truth_drift._noise(of, case, Disturbance(zeros, zeros, 64, 2 * half))
