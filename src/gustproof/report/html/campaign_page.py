@@ -243,7 +243,7 @@ def _render_importance(found: CampaignStatistics) -> str:
             drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
             rows.append([escape(name), drawn, *map(_render_bar, known)])
         head = ["quantity", "from .. to", *(_render_law(found, law) for law in found.laws)]
-        table = render_table(head, rows) if rows else ""
+        table = render_table(head, rows)
         none = f"<p class='note'>No effect found: {escape(', '.join(without))}.</p>" if without else ""
         tables.append(f"<h3>{escape(_figure_label(figure))}</h3>{table}{none}")
     return "".join(tables)

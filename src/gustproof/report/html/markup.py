@@ -21,13 +21,18 @@ def fill_page(template: str, parts: Mapping[str, str]) -> str:
 
 
 def render_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of HTML cells; a wide table scrolls sideways, and columns of numbers are set to the right."""
+    """Return a table of HTML cells, which scrolls sideways if it is wide; empty without rows.
+
+    Columns of numbers are set to the right.
+    """
     lines = [*rows]
-    right = [" class='num'" * all(map(_NUMBER.match, filter(None, column))) for column in zip(*lines, strict=True)]
-    right[:1] = [""]
+    if not lines:
+        return ""
+    columns = zip(head, *lines, strict=True)
+    right = [" class='num'" * all(map(_NUMBER.match, filter(None, column))) for _, *column in columns]
+    right[0] = ""
     top = "".join(
-        f'<th{side} scope="col">{cell}</th>' if cell else "<td></td>"
-        for cell, side in zip(head, right or len(head) * [""], strict=True)
+        f'<th{side} scope="col">{cell}</th>' if cell else "<td></td>" for cell, side in zip(head, right, strict=True)
     )
     body = ""
     for row in lines:
