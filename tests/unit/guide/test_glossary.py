@@ -18,7 +18,7 @@ MOST_ENTRIES, MOST_WORDS = 40, 28
 PAGES = [Path(__file__).parents[3] / "README.md", *sorted(Path(str(files("gustproof.guide"))).glob("*.md"))]
 KNOWN = """
 BSD CHANGELOG CSV DuckDB FTP GPL GPS HTML II III JSBSim JSON LGPL LICENSE LPVTools MATLAB MB MIT OSI OSQP PDF PNG PSF
-PX4 README ROS SVG TCP TOML UAV UDP macOS MAVProxy MAVSDK QGroundControl
+PGF PX4 README ROS SQLite SVG TCP TOML UAV UDP macOS MAVProxy MAVSDK QGroundControl
 ANGLE ATTITUDE BRAKE HEARTBEAT HOLD LAND STABILIZED
 """
 """Abbreviations that need no explanation: formats, licences, protocols, programs, modes and messages by their names."""
