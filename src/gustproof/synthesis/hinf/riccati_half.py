@@ -91,7 +91,7 @@ def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool
         X, definite = _solve_quotient(half, gamma, feedback)
     else:
         try:
-            X = stabilizing_solution(half.H - half.into @ feedback)
+            X = stabilizing_solution(_hamiltonian(half, feedback))
         except RiccatiError as error:
             raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
         definite = _is_semidefinite(X, half.natural_size)
@@ -115,7 +115,7 @@ def has_no_solution(half: RiccatiData, gamma: float) -> bool:
     if half.quotient is not None:
         return has_no_solution(half.quotient, gamma)
     n, w = half.A.shape[0], np.flatnonzero(np.diag(half.J))
-    crossings = np.abs(np.linalg.eigvals(half.H - half.into @ _feedback(half, gamma)).imag)
+    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, _feedback(half, gamma))).imag)
     ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
     omega = 0.5 * (ends[:-1] + ends[1:])
     omega = omega[omega > 0.0]
@@ -135,6 +135,14 @@ def _feedback(half: RiccatiData, gamma: float) -> Matrix:
     if singular:
         raise np.linalg.LinAlgError("R - gamma^2 J is singular")
     return np.asarray(solved, dtype=np.float64)
+
+
+def _hamiltonian(half: RiccatiData, feedback: Matrix) -> Matrix:
+    """Return the Hamiltonian matrix of the equation, (2n, 2n), whose lower half repeats the upper to the bit."""
+    n = half.A.shape[0]
+    H = half.H - half.into @ feedback
+    H[n:, n:] = -H[:n, :n].T
+    return H
 
 
 def _solve_quotient(half: RiccatiData, gamma: float, feedback: Matrix) -> tuple[Matrix, bool]:
