@@ -710,6 +710,7 @@ def least_estimate(sums: list[np.ndarray], moment: np.ndarray) -> np.ndarray:
     return np.degrees(x0)
 
 
+@pytest.mark.slow
 def test_no_random_forgery_is_accepted_that_is_not_true():
     """Of 200 re-sealed forgeries those accepted are true: their box is no less than one found by other means."""
     law, certificate, rng = load_law("flagship"), certify("flagship"), np.random.default_rng(17)

@@ -155,6 +155,7 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     assert many.gap < 0.01
 
 
+@pytest.mark.slow
 def test_branch_and_bound_brings_mu_of_real_parameters_down_to_what_a_delta_reaches():
     """M / (s + 1) with a real matrix: singular first at rest, where scalings leave an eighth; D found by search."""
     M = [[-1.4, -1.2, -1.3, -0.6], [1.4, -1.6, 0.9, 1.3], [-0.4, -0.7, 0.5, 1.2], [2.2, 0.9, 1.6, -0.5]]
@@ -233,6 +234,7 @@ def test_an_unstable_member_makes_the_worst_gain_infinite():
 INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], D=[[0.0]])
 
 
+@pytest.mark.slow
 def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
     low, high = wcmargin(ureal("gain", low=0.5, high=1.5) @ INTEGRATOR, accuracy=0.1)
     worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))

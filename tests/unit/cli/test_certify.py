@@ -41,6 +41,7 @@ def test_help_says_what_a_gain_is_and_shows_examples():
     assert "gustproof certify --check certificate.json" in result.stdout
 
 
+@pytest.mark.slow
 def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_changed(tmp_path: Path):
     path = tmp_path / "certificate.json"
     proved = run("hinf-d2", *ENVELOPE, "--json", "-o", str(path))
@@ -78,6 +79,7 @@ def test_a_law_is_proved_by_its_design_and_the_file_checked_until_a_digit_is_cha
     assert json.loads(run("--check", str(path), "--json").stdout)["proven"] is False
 
 
+@pytest.mark.slow
 def test_a_controller_with_exact_rho_is_proved_on_a_plant_of_another_leak():
     result = run("hinf-d1", *ENVELOPE, "--exact-rho", "--leak", "0.05", "--json")
     assert result.exit_code == 0
