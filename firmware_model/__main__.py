@@ -4,6 +4,11 @@ without --scenario   interactive vehicle: real time, disarmed, until Ctrl-C
 --scenario           one scripted flight: clamped until a controller flies it, ends with the scenario
 """
 
+import gc
+
+if __name__ == "__main__":  # what is imported stays: to look for garbage in it takes a sixth of the start
+    gc.disable()
+
 import argparse
 import json
 import signal
@@ -17,7 +22,6 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.files import parse_json, read_json, read_text
 from firmware_model.config.scenario import Scenario, list_scenarios, load_scenario
@@ -31,8 +35,7 @@ from firmware_model.recording.journal import JournalWriter, record_type
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from firmware_model.sim.vehicle_loop import VehicleLoop, is_cold
-from firmware_model.types import LevelFlight
+from firmware_model.sim.vehicle_loop import is_cold, load_step
 
 # PX4's ports in simulation, where its clients look: (own, remote) for ground stations and for off-board control.
 _PORTS = ((18570, 14550), (14580, 14540))
@@ -101,7 +104,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
         signal.signal(signal.SIGTERM, lambda *_: endpoint.interrupt())
         # Load or compile the machine code before a peer waits for it.
         _tell_compiling(silent=options.json or not interactive)
-        VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
+        load_step(vehicle, scenario, options.seed)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
         _show_status(stack, options, endpoint)

@@ -121,7 +121,12 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> d
             "samples": world.loop.sample if world.flying else 0,
             "wall_s": flown_s if world.flying else 0.0,
             "realtime_factor": model_s / flown_s if world.flying else 0.0,
-            "autopilot": {"program": guest.name, "version": pilot.version, **guest.facts()},
+            "autopilot": {
+                "program": guest.name,
+                "version": pilot.version,
+                **guest.facts(),
+                "unknown_parameters": pilot.unknown_parameters,
+            },
             "texts": list(pilot.texts),
             "link": pilot.channel.stats(),
         }

@@ -103,6 +103,7 @@ def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> 
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
     values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
     guest = ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
+    guest.names = tuple(extra)
     if options.law:
         guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
     return guest
@@ -156,7 +157,10 @@ def thrust_range(parameters: Mapping[str, str]) -> tuple[float, float]:
 
 
 class ArduPilot:
-    """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0."""
+    """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0.
+
+    `names` are the parameters whose existence its pilot asks for.
+    """
 
     name = "ArduPilot"
     arming_timeout_s = 120.0
@@ -168,6 +172,7 @@ class ArduPilot:
 
     def __init__(self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, ...]) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
+        self.names = tuple[str, ...]()
         self.dialect = Dialect(
             wire.MAV_AUTOPILOT_ARDUPILOTMEGA,
             "GUIDED",
@@ -184,7 +189,7 @@ class ArduPilot:
 
     def make_pilot(self) -> Pilot:
         """Return a pilot that speaks its dialect."""
-        return Pilot(self.dialect)
+        return Pilot(self.dialect, self.names)
 
     def start(self, pilot_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""

@@ -2,12 +2,13 @@
 
 A protocol core without I/O, on the world's clock: a flight at any speed gives the same set-points at the same samples.
 
-MAVLink, common message set, messages 0, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
+MAVLink, common message set, messages 0, 20, 22, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
 """
 
 import math
 import struct
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as wire
@@ -23,6 +24,8 @@ PERIOD_US = 20_000
 _HEARTBEAT_US = 1_000_000
 _RETRY_US = 500_000
 _TEXTS = 40  # latest texts that are kept
+_AT_ONCE = 10  # parameters asked for at once; a guest queues few
+_ASKS = 3  # requests without an answer until a parameter is unknown
 _SYSTEM, _COMPONENT = 245, wire.MAV_COMP_ID_ONBOARD_COMPUTER
 _STREAMS = (wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 _ATTITUDE = struct.Struct("<I4f")  # both streams begin with stamp [ms] and quaternion
@@ -44,10 +47,11 @@ class Estimate(NamedTuple):
 class Pilot:
     """Pilot of one guest: `meet` it, pass datagrams and the world's time, send what it returns.
 
-    It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`.
+    It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`. Until
+    it is armed it asks for the parameters `names`: an autopilot ignores a name in a file that it does not know.
     """
 
-    def __init__(self, dialect: Dialect) -> None:
+    def __init__(self, dialect: Dialect, names: Iterable[str] = ()) -> None:
         self._dialect, self._system = dialect, 0
         self._address: Address | None = None
         self.channel = Channel(_SYSTEM, _COMPONENT)
@@ -64,8 +68,10 @@ class Pilot:
         self._setpoint: Quaternion = (math.nan,) * 4
         self._heartbeat_at_us = self._retry_at_us = self._now_us = 0
         self._outbox: list[bytes] = []
+        self._asked = dict.fromkeys(names, 0)
         self._handlers = {
             wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
             wire.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
             wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
@@ -77,6 +83,11 @@ class Pilot:
     def is_in_mode(self) -> bool:
         """True if the guest's last heartbeat told the mode that follows set-points."""
         return self.custom_mode == self._dialect.custom_mode
+
+    @property
+    def unknown_parameters(self) -> list[str]:
+        """Names of parameters that the guest did not answer for."""
+        return [name for name, asks in self._asked.items() if asks >= _ASKS]
 
     def meet(self, system: int, port: int | None) -> None:
         """Take the guest's MAVLink `system`, and its UDP `port` on this machine; `None` if it speaks first."""
@@ -130,12 +141,21 @@ class Pilot:
         if not self.estimates and not self.is_armed:
             for number in _STREAMS:
                 self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, number, PERIOD_US)
+        if not self.is_armed:
+            self._ask_for_parameters()
         if self.wants_flight and not self.is_in_mode:
             self._command(wire.MAV_CMD_DO_SET_MODE, _FOREIGN_MODE, *self._dialect.mode)
         elif self.wants_flight and not self.is_armed:
             self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         if self.wants_law:
             self._command(round(self._dialect.law_switch[0]), *self._dialect.law_switch[1:])
+
+    def _ask_for_parameters(self) -> None:
+        """Ask for those that were asked for least."""
+        for name in sorted(self._asked, key=self._asked.__getitem__)[:_AT_ONCE]:
+            if self._asked[name] < _ASKS:
+                self._asked[name] += 1
+                self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
 
     def _send_target(self, target: AttitudeTarget) -> None:
         if not self._dialect.array_name:
@@ -157,6 +177,9 @@ class Pilot:
         message = frame.message()
         self.autopilot, self.custom_mode = message.autopilot, message.custom_mode
         self.is_armed = bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _on_parameter(self, frame: Frame) -> None:
+        self._asked.pop(frame.message().param_id, None)
 
     def _on_text(self, frame: Frame) -> None:
         self.texts.append(frame.message().text)

@@ -73,6 +73,7 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     extra = read_parameters(options.params, "px4") if options.params else {}
     values = {**px4_parameters(vehicle), **_OPERATION, **extra}
     px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    px4.names = tuple(extra)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
     return px4
@@ -96,7 +97,10 @@ def find_build(given: Path | None) -> Path:
 
 
 class Px4:
-    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links."""
+    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links.
+
+    `names` are the parameters whose existence its pilot asks for.
+    """
 
     name = "PX4"
     warm_up_s = 20.0
@@ -118,7 +122,7 @@ class Px4:
         self._sent_s = 0.0
         self._time_us = 0
         self.instance = -1
-        self.dialect, self.start_lines = _DIALECT, list[str]()
+        self.dialect, self.start_lines, self.names = _DIALECT, list[str](), tuple[str, ...]()
 
     @property
     def system(self) -> int:
@@ -138,7 +142,7 @@ class Px4:
 
     def make_pilot(self) -> Pilot:
         """Return a pilot that speaks its dialect."""
-        return Pilot(self.dialect)
+        return Pilot(self.dialect, self.names)
 
     def start(self, pilot_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.types.containers import BaseTuple
 from numba.extending import intrinsic, overload
@@ -18,6 +19,8 @@ from firmware_model.numerics.compiled import INLINED, kernel
 from firmware_model.types import Vector
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
+Matrix = NDArray[np.float64]
+_NUMBER = 8  # [B]
 
 
 class Lane(NamedTuple):
@@ -103,6 +106,46 @@ def storer(kind: type[Row]) -> Callable[[Lane, int, Row], None]:
     return store
 
 
+def summer(width: int) -> Callable[[Matrix, int, int, Matrix, Matrix], None]:
+    """Return the kernel `total(terms, begin, end, rows, sums)` that sums rows of `width` flights, each with a factor.
+
+    `terms` (m, 2) holds the number of a row and its factor; those from `begin` up to `end` are added to 0 in order.
+    `rows` (n, width) and `sums` (width,) may overlap. The sums stay in registers between terms. A loop over flights
+    for each term would load and store them, which takes most of the time.
+    """
+    add_up = intrinsic(_make_sum(width))
+
+    def total(terms: Matrix, begin: int, end: int, rows: Matrix, sums: Matrix) -> None:
+        added = np.zeros(width)
+        for row, factor in terms[begin:end]:
+            added = added + factor * rows[int(row)]
+        sums[:] = added
+
+    def overload_total(_terms: Any, _begin: Any, _end: Any, _rows: Any, _sums: Any) -> Any:
+        return lambda terms, begin, end, rows, sums: add_up(terms, begin, end, rows, sums)
+
+    overload(total, **INLINED)(overload_total)
+    return total
+
+
+def mover(count: int) -> Callable[[Matrix, int, Matrix, int], None]:
+    """Return the kernel `move(source, at, target, to)` that copies `count` numbers, from `at` on to `to` on.
+
+    The arrays are taken as flat, and may overlap. One vector is moved: of a loop so short the compiler makes single
+    numbers.
+    """
+    copy = intrinsic(_make_move(count))
+
+    def move(source: Matrix, at: int, target: Matrix, to: int) -> None:
+        target.reshape(-1)[to : to + count] = source.reshape(-1)[at : at + count]
+
+    def overload_move(_source: Any, _at: Any, _target: Any, _to: Any) -> Any:
+        return lambda source, at, target, to: copy(source, at, target, to)
+
+    overload(move, **INLINED)(overload_move)
+    return move
+
+
 def offsets(kinds: Iterable[Any]) -> list[int]:
     """Return the row at which each of `kinds` starts when they are packed in order, and the end."""
     return [0, *np.cumsum([_count(kind) for kind in kinds]).tolist()]
@@ -182,6 +225,60 @@ def _scatter(_: Any, array: Any, at: Any, width: Any, row: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, types.intp, types.intp, row), generate
+
+
+def _make_sum(width: int) -> Callable[..., Any]:
+    """Return the typing of the intrinsic `add_up(terms, begin, end, rows, sums)`, see `summer`."""
+    vector = ir.VectorType(ir.DoubleType(), width)
+
+    def add_up(_: Any, terms: Any, begin: Any, end: Any, rows: Any, sums: Any) -> Any:
+        kinds = (terms, rows, sums)
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            data, (first, last) = (arguments[0], *arguments[3:]), arguments[1:3]
+            term, row, target = (
+                context.make_array(kind)(context, builder, value).data for kind, value in zip(kinds, data, strict=True)
+            )
+            added = cgutils.alloca_once_value(builder, ir.Constant(vector, [0.0] * width))
+            with cgutils.for_range_slice(builder, first, last, ir.Constant(first.type, 1)) as (t, _):
+                at = builder.shl(t, ir.Constant(t.type, 1))
+                number = builder.fptosi(builder.load(builder.gep(term, [at])), t.type)
+                factor = builder.load(builder.gep(term, [builder.add(at, ir.Constant(t.type, 1))]))
+                start = builder.gep(row, [builder.mul(number, ir.Constant(t.type, width))])
+                numbers = builder.load(builder.bitcast(start, vector.as_pointer()), align=_NUMBER)
+                product = builder.fmul(_spread(builder, factor, vector), numbers)
+                builder.store(builder.fadd(builder.load(added), product), added)
+            builder.store(builder.load(added), builder.bitcast(target, vector.as_pointer()), align=_NUMBER)
+            return context.get_dummy_value()
+
+        return types.void(terms, types.intp, types.intp, rows, sums), generate
+
+    return add_up
+
+
+def _make_move(count: int) -> Callable[..., Any]:
+    """Return the typing of the intrinsic `copy(source, at, target, to)`, see `mover`."""
+    vector = ir.VectorType(ir.DoubleType(), count).as_pointer()
+
+    def copy(_: Any, source: Any, at: Any, target: Any, to: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            start, end = (
+                builder.bitcast(builder.gep(context.make_array(kind)(context, builder, array).data, [first]), vector)
+                for kind, array, first in ((source, *arguments[:2]), (target, *arguments[2:]))
+            )
+            builder.store(builder.load(start, align=_NUMBER), end, align=_NUMBER)
+            return context.get_dummy_value()
+
+        return types.void(source, types.intp, target, types.intp), generate
+
+    return copy
+
+
+def _spread(builder: Any, value: Any, vector: Any) -> Any:
+    """Return a vector of equal numbers."""
+    unset, zero = ir.Constant(vector, ir.Undefined), ir.Constant(ir.IntType(32), 0)
+    first = builder.insert_element(unset, value, zero)
+    return builder.shuffle_vector(first, unset, ir.Constant(ir.VectorType(zero.type, vector.count), None))
 
 
 def _leaves(builder: Any, value: Any, kind: Any) -> Iterator[tuple[Any, Any]]:

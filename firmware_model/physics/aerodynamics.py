@@ -134,7 +134,7 @@ def _given(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
 
 @kernel
 def _derivative(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
-    return rigid_body.derivative(params.body, body, sum_inputs(params, body, inputs)[0])
+    return rigid_body.free_derivative(params.body, body, sum_inputs(params, body, inputs)[0])
 
 
 _integrate = rigid_body.runge_kutta(_derivative)

@@ -85,56 +85,77 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
 
 
 @kernel
-def attitude_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`, for a vehicle held in translation.
+def _torque_rate(bandwidth: float, torque: Vector, command: Vector) -> Vector:
+    """Return the rate [N*m/s] B of the actuators' torque [N*m] B under a command."""
+    return (
+        bandwidth * (command[0] - torque[0]),
+        bandwidth * (command[1] - torque[1]),
+        bandwidth * (command[2] - torque[2]),
+    )
 
-    Euler's equations with principal inertia, and quaternion kinematics `q' = q omega / 2`. The yaw equation has
-    N / I_z, where the paper's (2) prints L / I_z.
+
+@kernel
+def _thrust_rate(bandwidth: float, thrust: float, command: float) -> float:
+    return bandwidth * (command - thrust)
+
+
+@kernel
+def _omega_rate(acting: tuple[BodyParams, Vector, Vector], omega_B: Vector, torque_B: Vector) -> Vector:
+    """Return the angular acceleration [rad/s^2] B: Euler's equations with principal inertia.
+
+    `acting` holds the constants, the moment [N*m] B and the angular gust [rad/s] B. The yaw equation has N / I_z, where
+    the paper's (2) prints L / I_z.
     """
-    w, x, y, z = body.q_NB
-    p, q, r = body.omega_B
-    L, M, N = inputs.moment_B
-    p_gust, q_gust, r_gust = inputs.gust_omega_B
-    roll, pitch, yaw = body.torque_B
-    roll_command, pitch_command, yaw_command = inputs.torque_command_B
-    omega_rate = (
+    params, (L, M, N), (p_gust, q_gust, r_gust) = acting
+    p, q, r = omega_B
+    roll, pitch, yaw = torque_B
+    return (
         params.k1 * q * r + (roll + L) * params.inverse_I_x - params.damping_x * (p - p_gust),
         params.k2 * r * p + (pitch + M) * params.inverse_I_y - params.damping_y * (q - q_gust),
         params.k3 * p * q + (yaw + N) * params.inverse_I_z - params.damping_z * (r - r_gust),
     )
-    rate = params.bandwidth
+
+
+@kernel
+def _turn_rate(_: float, q_NB: Quaternion, omega_B: Vector) -> Quaternion:
+    """Return the rate of the attitude, `q' = q omega / 2`."""
+    w, x, y, z = q_NB
+    p, q, r = omega_B
+    return (
+        -0.5 * (x * p + y * q + z * r),
+        0.5 * (w * p + y * r - z * q),
+        0.5 * (w * q + z * p - x * r),
+        0.5 * (w * r + x * q - y * p),
+    )
+
+
+@kernel
+def free_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
+    """Return the time derivative of the state in free flight, in a `Body`."""
+    F_x, F_y, F_z = inputs.force_B
+    north, east, down = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
+    acting = (params, inputs.moment_B, inputs.gust_omega_B)
     return Body(
-        _ZERO,
-        _ZERO,
-        (
-            -0.5 * (x * p + y * q + z * r),
-            0.5 * (w * p + y * r - z * q),
-            0.5 * (w * q + z * p - x * r),
-            0.5 * (w * r + x * q - y * p),
-        ),
-        omega_rate,
-        (rate * (roll_command - roll), rate * (pitch_command - pitch), rate * (yaw_command - yaw)),
-        rate * (inputs.thrust_command - body.thrust),
+        body.velocity_N,
+        (params.inverse_mass * north, params.inverse_mass * east, params.inverse_mass * down + GRAVITY),
+        _turn_rate(0.0, body.q_NB, body.omega_B),
+        _omega_rate(acting, body.omega_B, body.torque_B),
+        _torque_rate(params.bandwidth, body.torque_B, inputs.torque_command_B),
+        _thrust_rate(params.bandwidth, body.thrust, inputs.thrust_command),
     )
 
 
 @kernel
 def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state, in a `Body`: `attitude_derivative` with Newton's law in N."""
-    F_x, F_y, F_z = inputs.force_B
-    F_N = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
-    free, free_inverse_mass = params.free, params.free * params.inverse_mass
-    v_north, v_east, v_down = body.velocity_N
-    down_rate = free * (params.inverse_mass * F_N[2] + GRAVITY)
-    rate = attitude_derivative(params, body, inputs)
-    return Body(
-        (free * v_north, free * v_east, free * v_down),
-        (free_inverse_mass * F_N[0], free_inverse_mass * F_N[1], down_rate),
-        rate.q_NB,
-        rate.omega_B,
-        rate.torque_B,
-        rate.thrust,
-    )
+    """Return the time derivative of the state of any vehicle, free or held, in a `Body`."""
+    rate = free_derivative(params, body, inputs)
+    position_rate, velocity_rate = _scale(params.free, rate.position_N), _scale(params.free, rate.velocity_N)
+    return Body(position_rate, velocity_rate, rate.q_NB, rate.omega_B, rate.torque_B, rate.thrust)
+
+
+@kernel
+def _scale(factor: float, v: Vector) -> Vector:
+    return factor * v[0], factor * v[1], factor * v[2]
 
 
 @kernel
@@ -143,53 +164,93 @@ def _move(a: Vector, h: float, rate: Vector) -> Vector:
 
 
 @kernel
-def _integrate_attitude(body: Body, h: float, rate: Body) -> Body:
-    """Return the body moved by `h` times a derivative, with its translation held."""
-    (w, x, y, z), dq = body.q_NB, rate.q_NB
-    q_NB = (w + h * dq[0], x + h * dq[1], y + h * dq[2], z + h * dq[3])
-    omega_B, torque_B = _move(body.omega_B, h, rate.omega_B), _move(body.torque_B, h, rate.torque_B)
-    return Body(body.position_N, body.velocity_N, q_NB, omega_B, torque_B, body.thrust + h * rate.thrust)
+def _move_float(a: float, h: float, rate: float) -> float:
+    return a + h * rate
+
+
+@kernel
+def _move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
+    return q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3]
 
 
 @kernel
 def _integrate(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative."""
-    position_N, velocity_N = _move(body.position_N, h, rate.position_N), _move(body.velocity_N, h, rate.velocity_N)
-    turned = _integrate_attitude(body, h, rate)
-    return Body(position_N, velocity_N, turned.q_NB, turned.omega_B, turned.torque_B, turned.thrust)
+    return Body(
+        _move(body.position_N, h, rate.position_N),
+        _move(body.velocity_N, h, rate.velocity_N),
+        _move_quaternion(body.q_NB, h, rate.q_NB),
+        _move(body.omega_B, h, rate.omega_B),
+        _move(body.torque_B, h, rate.torque_B),
+        body.thrust + h * rate.thrust,
+    )
 
 
 Params = TypeVar("Params")
 Inputs = TypeVar("Inputs")
+State = TypeVar("State")
 
 
-def runge_kutta(
-    rate: Callable[[Params, Body, Inputs], Body], integrate: Callable[[Body, float, Body], Body] = _integrate
-) -> Callable[[Params, Body, Inputs, float], Body]:
-    """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
+def make_stages(
+    rate: Callable[[Params, State, Inputs], State], move: Callable[[State, float, State], State]
+) -> Callable[[Params, State, tuple[Inputs, ...], float], tuple[tuple[State, ...], State]]:
+    """Return the kernel `stages(params, x, inputs, dt)`, a step of the classical method for the time derivative `rate`.
 
-    `integrate(body, h, rate)` returns the body moved by `h` times a derivative. The error falls with `dt` [s] to the
-    fourth power.
+    `inputs` holds those of each of the four stages, `move(x, h, rate)` returns the state moved by `h` times a
+    derivative. The kernel returns the states of the stages, and that after `dt` [s].
     """
 
     @kernel
-    def step(params: Params, body: Body, inputs: Inputs, dt: float) -> Body:
+    def stages(params: Params, x: State, inputs: tuple[Inputs, ...], dt: float) -> tuple[tuple[State, ...], State]:
         # Each derivative is used up at once, so that few numbers have to be kept.
-        a = rate(params, body, inputs)
-        end, middle = integrate(body, dt / 6.0, a), integrate(body, 0.5 * dt, a)
-        b = rate(params, middle, inputs)
-        end, middle = integrate(end, dt / 3.0, b), integrate(body, 0.5 * dt, b)
-        c = rate(params, middle, inputs)
-        end, last = integrate(end, dt / 3.0, c), integrate(body, dt, c)
-        end = integrate(end, dt / 6.0, rate(params, last, inputs))
-        q_NB = normalize(end.q_NB)
-        return Body(end.position_N, end.velocity_N, q_NB, end.omega_B, end.torque_B, end.thrust)
+        a = rate(params, x, inputs[0])
+        end, second = move(x, dt / 6.0, a), move(x, 0.5 * dt, a)
+        b = rate(params, second, inputs[1])
+        end, third = move(end, dt / 3.0, b), move(x, 0.5 * dt, b)
+        c = rate(params, third, inputs[2])
+        end, fourth = move(end, dt / 3.0, c), move(x, dt, c)
+        return (x, second, third, fourth), move(end, dt / 6.0, rate(params, fourth, inputs[3]))
+
+    return stages
+
+
+_torque_stages, _omega_stages = make_stages(_torque_rate, _move), make_stages(_omega_rate, _move)
+_turn_stages, _thrust_stages = make_stages(_turn_rate, _move_quaternion), make_stages(_thrust_rate, _move_float)
+
+
+def runge_kutta(rate: Callable[[Params, Body, Inputs], Body]) -> Callable[[Params, Body, Inputs, float], Body]:
+    """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
+
+    The error falls with `dt` [s] to the fourth power.
+    """
+    stages = make_stages(rate, _integrate)
+
+    @kernel
+    def step(params: Params, body: Body, inputs: Inputs, dt: float) -> Body:
+        end = stages(params, body, (inputs, inputs, inputs, inputs), dt)[1]
+        return Body(end.position_N, end.velocity_N, normalize(end.q_NB), end.omega_B, end.torque_B, end.thrust)
 
     return step
 
 
-step, step_attitude = runge_kutta(derivative), runge_kutta(attitude_derivative, _integrate_attitude)
-"""Step any vehicle, and only one held in translation: for that the same bits, in less time."""
+step = runge_kutta(derivative)
+"""Step any vehicle."""
+
+
+@kernel
+def step_attitude(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
+    """Do `step` for a vehicle held in translation, with the same bits in less time.
+
+    Torque, rates and attitude follow each other: each needs only the stages of the one before. One after the other,
+    they need hardly more numbers at once than a processor has registers.
+    """
+    command, lift = inputs.torque_command_B, inputs.thrust_command
+    torques, torque_B = _torque_stages(params.bandwidth, body.torque_B, (command, command, command, command), dt)
+    thrust = _thrust_stages(params.bandwidth, body.thrust, (lift, lift, lift, lift), dt)[1]
+    acting = (params, inputs.moment_B, inputs.gust_omega_B)
+    omegas, omega_B = _omega_stages(acting, body.omega_B, torques, dt)
+    q_NB = normalize(_turn_stages(0.0, body.q_NB, omegas, dt)[1])
+    return Body(body.position_N, body.velocity_N, q_NB, omega_B, torque_B, thrust)
 
 
 @kernel

@@ -116,11 +116,13 @@ def initial_vehicle_state(
     gust_scale: float | None = None,
     attitude_deg: Vector | None = None,
     mix: Array | None = None,
+    like: VehicleInitial | None = None,
 ) -> VehicleInitial:
     """Return the per-vehicle part of `initial_state`.
 
     `gust_scale` and `attitude_deg` replace the scenario's `gust_scale` and `initial_attitude_deg`. `mix` (n, 3)
-    replaces the seed with the scenario's turns, see `mixed_normals`.
+    replaces the seed with the scenario's turns, see `mixed_normals`. `like` is that of the same vehicle, scenario and
+    gust scale with another seed, attitude or mix: its constants and changes are shared, which takes half the time.
 
     Raises
     ------
@@ -141,11 +143,11 @@ def initial_vehicle_state(
     body = Body((0.0, 0.0, -height), still, q_NB, still, still, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
-        params=_pack_params(vehicle, scenario, dryden_params, scale),
+        params=_pack_params(vehicle, scenario, dryden_params, scale) if like is None else like.params,
         state=np.array(
             [*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5, *BatteryState()]
         ),
-        changes=_list_changes(vehicle, scenario),
+        changes=_list_changes(vehicle, scenario) if like is None else like.changes,
     )
 
 

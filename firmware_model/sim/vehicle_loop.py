@@ -1,12 +1,15 @@
 """Plant and on-board loops at their rates: the one place that delays commands and packs them as set-points."""
 
 import math
+import signal
 from collections import deque
 from collections.abc import Sequence
+from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.numerics.compiled import find_cache
@@ -45,6 +48,23 @@ def is_cold() -> bool:
     """Return whether the first step still has to be compiled, once after an installation."""
     found = find_cache(step.advance)
     return found is not None and not found[1]
+
+
+def load_step(vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+    """Load the machine code of a step; compile it in two processes, as numba uses one core."""
+    loop = VehicleLoop(vehicle, scenario, seed)
+    if is_cold():
+        other = get_context("fork").Process(target=_advance_unobserved, args=(loop,), daemon=True)
+        other.start()
+        loop.observe()
+        other.join()
+    loop.advance(LevelFlight(), Mode.STABILIZED.value)
+
+
+def _advance_unobserved(loop: "VehicleLoop") -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # ends with the process that waits for it
+    loop._imu = ImuSample(time_us=0, gyro_B=(0.0, 0.0, 0.0), specific_force_B=(0.0, 0.0, 0.0))
+    loop.advance(LevelFlight(), Mode.STABILIZED.value)
 
 
 class VehicleLoop:

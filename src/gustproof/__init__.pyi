@@ -46,6 +46,7 @@ from gustproof.law.form import Law as Law
 from gustproof.law.form import Output as Output
 from gustproof.law.form import Provenance as Provenance
 from gustproof.law.form import RateLimit as RateLimit
+from gustproof.law.form import Schedule as Schedule
 from gustproof.law.form import list_laws as list_laws
 from gustproof.law.form import load_law as load_law
 from gustproof.law.io.c import save_c as save_c

@@ -2,6 +2,7 @@
 
 import base64
 import fcntl
+import importlib.util
 import json
 import os
 import select
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,11 @@ _FAULTS = """(() => {
   }
   return faults;
 })()"""
+
+_AXE = """axe.run({
+  resultTypes: ["violations"], rules: { "color-contrast": { enabled: COLOURS } },
+}).then((found) => found.violations.map(
+  ({ id, impact, nodes }) => `${impact}: ${id}: ${nodes.map((node) => node.target).slice(0, 3).join(" ")}`))"""
 
 
 class Browser:
@@ -160,6 +167,29 @@ class Browser:
         found: list[str] = self.run(_FAULTS)
         return found
 
+    def violations(self, axe: str, *, colours: bool = True) -> list[str]:
+        """Return the faults that axe-core's script finds on the page."""
+        self.run(f"{axe}; true")
+        found: list[str] = self.run(_AXE.replace("COLOURS", str(colours).lower()))
+        return found
+
+    def look_at(self, address: str, name: str, folder: Path, axe: str) -> None:
+        """Keep screenshots of a page on laptop and phone, light and dark; check that it fits, and that all can read it.
+
+        Axe runs on the light laptop and the dark phone, where it is installed.
+        """
+        for (width, height), dark in product(((1366, 768), (390, 844)), (False, True)):
+            look = f"{name}-{width}-{'dark' if dark else 'light'}"
+            self.open(address, width=width, height=height, dark=dark)
+            self.run("typeof ready === 'undefined' || ready")
+            self.keep(look, folder)
+            assert self.run("document.documentElement.scrollWidth") <= width, look
+            assert self.faults() == [], look
+            if axe and dark is (width < 600):
+                assert self.violations(axe) == [], look
+            assert self.complaints == [], look
+            assert [request for request in self.requests if not request.startswith((address, "data:"))] == [], look
+
     def _read(self) -> dict[str, Any]:
         end = time.monotonic() + _PATIENCE_S
         while b"\0" not in self._unread:
@@ -196,3 +226,12 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         yield started
     finally:
         started.close()
+
+
+@pytest.fixture(scope="session")
+def axe() -> str:
+    """Return axe-core's script, empty if it is not installed."""
+    found = importlib.util.find_spec("axe_playwright_python")
+    if found is None or not found.submodule_search_locations:
+        return ""
+    return (Path(found.submodule_search_locations[0]) / "axe.min.js").read_text(encoding="utf-8")

@@ -130,8 +130,10 @@ def test_ctrl_c_leaves_the_parts_one_line_and_no_process(table, script, tmp_path
         process.kill()
     assert process.returncode == 130
     assert told == ""
-    assert complaint == (
-        "gustproof: interrupted; finished runs are in mc.parquet.parts, and the same command resumes from there\n"
+    *progress, line = complaint.splitlines()  # on a busy machine a line of progress comes first
+    assert all(each.startswith("gustproof: ") and each.endswith(" s") for each in progress)
+    assert line == (
+        "gustproof: interrupted; finished runs are in mc.parquet.parts, and the same command resumes from there"
     )
     assert psutil.wait_procs(family, PATIENCE_S)[1] == []
 
@@ -214,16 +216,12 @@ def test_a_run_is_flown_again_over_udp_to_the_same_bits(table, script, tmp_path)
     assert "flown by 'hinf-rates', not 'hinf-d1', which flew the same case in run 5" in other.stderr
 
 
-@pytest.mark.parametrize("window", [{}, {"width": 390, "height": 800, "dark": True}])
-def test_the_page_opens_in_a_browser_and_asks_nobody(browser, table, tmp_path, window) -> None:
+def test_the_page_opens_in_a_browser_and_asks_nobody(browser, axe, table, tmp_path) -> None:
     path = tmp_path / "mc.html"
     told = CliRunner().invoke(app, ["report", str(table), "-o", str(path)])
     assert (told.exit_code, told.stdout) == (0, f"the campaign of {table} in {path}\n")
-    browser.open(path.as_uri(), **window)
-    assert browser.complaints == []
-    assert browser.requests == [path.as_uri()]
-    wide = browser.run("[document.documentElement.scrollWidth, innerWidth]")
-    assert wide[0] <= wide[1]
+    browser.look_at(path.as_uri(), "campaign", tmp_path, axe)
+    browser.run("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     lines = browser.run(
         "Array.from(document.querySelectorAll('polyline'), (line) => line.getBoundingClientRect().width)"
     )

@@ -30,7 +30,7 @@ def page(tmp_path_factory):
 @pytest.mark.parametrize("width", [390, 1280])
 def test_it_opens_without_complaint_and_draws_every_chart(browser, page, width, dark):
     browser.open(page.as_uri(), width=width, dark=dark)
-    browser.run("ready")
+    browser.run("ready.then(drawAll)")
     assert browser.run("document.documentElement.scrollWidth") <= width
     assert browser.run("charts.drawn.length") == 18  # response, phase, coherence, spectrum, prediction, residual
     blank = browser.run("""charts.drawn.filter(({ plot }) => plot.series.slice(1).some((series) =>
@@ -42,7 +42,7 @@ def test_it_opens_without_complaint_and_draws_every_chart(browser, page, width, 
 
 def test_phase_and_coherence_have_a_linear_axis_over_the_logarithm_of_frequency(browser, page):
     browser.open(page.as_uri())
-    browser.run("ready")
+    browser.run("ready.then(drawAll)")
     axes = browser.run("charts.drawn.slice(3, 9).map(({ plot }) => [plot.scales.x.distr, plot.scales.y.distr])")
     assert axes == [[3, 1]] * 6
     assert browser.run("charts.drawn.slice(0, 3).every(({ plot }) => plot.scales.y.distr === 3)")

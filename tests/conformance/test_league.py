@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gustproof.league.season import fly_league
-from gustproof.report.html.league_page import render_league_page
+from gustproof.report.html.league_page import render_league_page, write_league_page
 
 pytestmark = pytest.mark.compiled
 PATIENCE_S = 120.0
@@ -45,7 +45,7 @@ fly_league(plan, Path(sys.argv[1]), Pool(1), progress=kill)
 )
 
 
-def test_league_that_was_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+def test_league_that_was_killed_goes_on_to_the_same_bytes(tmp_path: Path, browser, axe) -> None:
     made: dict = {}
     exec(PLAN, made)
     whole = fly_league(made["plan"], tmp_path / "whole", made["Pool"](1))
@@ -59,3 +59,6 @@ def test_league_that_was_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> Non
     assert render_league_page(resumed) == render_league_page(whole)
     assert resumed.to_dict() == whole.to_dict()
     assert sorted((tmp_path / "cut" / "results.jsonl").read_bytes().splitlines()) == sorted(lines)
+    write_league_page(whole, tmp_path / "league.html")
+    browser.look_at((tmp_path / "league.html").as_uri(), "league", tmp_path, axe)
+    assert browser.run("document.querySelectorAll('.forest .disc').length") == len(whole.order)

@@ -18,7 +18,7 @@ from firmware_model.config.scenario import AccelerometerFault, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shear
 from firmware_model.numerics.rotations import euler_angles
-from gustproof.law.form import load_law
+from gustproof.law.form import Schedule, load_law
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.loopback import fly_loopback
 from gustproof.simulate.outcome import FlightOutcome
@@ -68,6 +68,19 @@ def test_a_law_that_feels_force_is_the_same_to_the_bit_on_every_route(scenario, 
     direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
     faultless = replace(scenario, accelerometer=AccelerometerFault(noise=False))
     assert direct["q_NB"].tobytes() != fly_direct(faultless, law, vehicle=airframe, seed=7)["q_NB"].tobytes()
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+def test_a_scheduled_law_is_the_same_to_the_bit_on_every_route(tmp_path):
+    rng, airframe = np.random.default_rng(5), load_vehicle("paper")
+    shapes = {"J": (3, 9), "K": (3, 6), "L": (3, 3), "P": (3, 3), "Q": (9, 3)}
+    parts = {name: 0.02 * rng.normal(size=shape) for name, shape in shapes.items()}
+    turn = Schedule(parameters=("phi", "theta", "r"), limits=np.array([0.3, 0.2, 0.5]), **parts)
+    law = replace(load_law("hinf-scheduled"), schedule=turn)
+    scenario = replace(FREE, duration_s=1.0, gust_scale=3.0)
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert direct.tobytes() != fly_direct(scenario, replace(law, schedule=None), vehicle=airframe, seed=7).tobytes()
     assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
     assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 

@@ -18,7 +18,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.recording.journal import count_records
-from gustproof.law.form import load_law
+from gustproof.law.form import Law, load_law
 from gustproof.live.live import LivePage
 from gustproof.simulate.flight import Flight
 from gustproof.simulate.loopback import fly_loopback
@@ -26,6 +26,7 @@ from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
+LAWS = (LAW, load_law("pid-fair"))
 PATIENCE_S = 200.0  # kernels may have to be compiled first
 DRAGGED = """(() => { const slider = document.getElementById('gust'); for (let value = 0; value <= 60; value++) {
   slider.value = value / 20; slider.dispatchEvent(new Event('input')); } })()"""
@@ -43,35 +44,38 @@ def scenario(duration_s: float) -> Scenario:
 class Watched:
     """A flight in a thread, as the command line flies it, and its page."""
 
-    def __init__(self, page: LivePage, script: Scenario, out: Path, *, real_time: bool) -> None:
-        self.page, self.flight = page, None
-        self._thread = Thread(target=self._fly, args=(script, out, real_time), daemon=True)
+    def __init__(self, page: LivePage, script: Scenario, out: Path, *, real_time: bool, twice: bool) -> None:
+        self.page, self.out, self.flight, self.again = page, out, None, None
+        self._thread = Thread(target=self._fly, args=(script, out, real_time, twice), daemon=True)
         self._thread.start()
 
-    def _fly(self, script: Scenario, out: Path, real_time: bool) -> None:
-        self.page.wait()
+    def _fly(self, script: Scenario, out: Path, real_time: bool, twice: bool) -> None:
+        self.flight = self._fly_once(script, LAWS[self.page.wait()], out, real_time=real_time)
+        if twice:
+            self.again = self._fly_once(script, LAWS[self.page.wait_again()], out / "again", real_time=real_time)
+
+    def _fly_once(self, script: Scenario, law: Law, out: Path, *, real_time: bool) -> Flight:
         flight = fly(
             script,
-            LAW,
+            law,
             vehicle=VEHICLE,
             out=out,
             real_time=real_time,
             default_ports=False,
             on_listening=self.page.watch,
         )
-        self.page.end(flight.message, flight.records)
-        self.flight = flight
+        self.page.end(flight.message, flight.records, report=lambda: f"<title>{law.name}</title>")
+        return flight
 
     def flown(self) -> Flight:
-        self._thread.join(PATIENCE_S)
-        assert self.flight is not None, "the flight did not end"
+        until(lambda: self.flight is not None, "the flight ends")
         return self.flight
 
 
 @contextmanager
-def watched(script: Scenario, out: Path, *, real_time: bool) -> Iterator[Watched]:
-    with LivePage(script, LAW.name, VEHICLE, real_time=real_time) as page:
-        flight = Watched(page, script, out, real_time=real_time)
+def watched(script: Scenario, out: Path, *, real_time: bool, twice: bool = False) -> Iterator[Watched]:
+    with LivePage(script, [law.name for law in LAWS], VEHICLE, real_time=real_time) as page:
+        flight = Watched(page, script, out, real_time=real_time, twice=twice)
         try:
             yield flight
         finally:
@@ -165,10 +169,29 @@ def told_angles(browser) -> np.ndarray:
     return np.array([float(word) for word in words[1::2]])
 
 
-def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(browser, tmp_path):
+def fly_another_law(browser, flight: Watched) -> None:
+    """Fly again with the other law: both flights are on the page, and either is drawn by choice."""
+    first = browser.run("gustproof.shown.q")
+    until(lambda: browser.run("!start.disabled && start.textContent === 'Fly again' && !report.hidden"), "may go on")
+    browser.run("laws.value = 1, laws.dispatchEvent(new Event('change'))")
+    click(browser, "start")
+    until(lambda: browser.run("gustproof.tracks.length === 2 && gustproof.facts.phase === 'over'"), "over again")
+    assert browser.run("gustproof.tracks.map(({ law, rows }) => [law, rows.attitude.length])") == [
+        [LAW.name, 200],
+        [LAWS[1].name, 200],
+    ]
+    until(lambda: flight.again is not None, "the flight ends")
+    assert_attitude_is_the_recordings(browser, flight.again)
+    assert browser.run("[compare.checkVisibility(), track.value, against.value]") == [True, "1", "0"]
+    browser.keep("live-two-laws-1366-light", flight.out)
+    browser.run("track.value = '0', track.dispatchEvent(new Event('change'))")
+    until(lambda: browser.run("gustproof.shown.q") == first, "the first flight is drawn again")
+
+
+def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(browser, axe, tmp_path):
     late = Delay(kind="delay", direction="to_vehicle", delay_s=0.012, start_s=2.0)
     script = replace(scenario(4.0), link=(late,))
-    with watched(script, tmp_path, real_time=False) as flight:
+    with watched(script, tmp_path, real_time=False, twice=True) as flight:
         browser.open(flight.page.address)
         until(lambda: phase(browser) == "ready", "the page is ready")
         click(browser, "start")
@@ -188,7 +211,12 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         ]
         assert text(browser, "mode").startswith("OFFBOARD")
         assert browser.run("gustproof.shown.frames") > 0
+        fly_another_law(browser, flight)
+        browser.look_at(flight.page.address, "live", tmp_path, axe)
+        browser.open(f"{flight.page.address}report")
+        assert browser.run("document.title") == "pid-fair"
         assert_clean(browser, flight.page)
+    assert flight.again.records.tobytes() == fly_loopback(script, LAWS[1], vehicle=VEHICLE).tobytes()
     assert flown.records.tobytes() == fly_loopback(script, LAW, vehicle=VEHICLE).tobytes()
 
 

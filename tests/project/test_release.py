@@ -9,11 +9,14 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from gustproof.version import __version__
 
 pytestmark = pytest.mark.plain
 ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+VERSIONS = ["3.11", "3.12", "3.13"]
 PAGE = (ROOT / "src" / "gustproof" / "guide" / "install.md").read_text(encoding="utf-8")
 ALLOWED = {
     "BSD": r"\bBSD\b|\b0BSD\b|matplotlib project|^BSD",
@@ -73,22 +76,48 @@ def test_the_changelog_begins_with_this_version_and_its_date() -> None:
 
 
 def test_versions_of_python_are_those_of_the_guide() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    minors = re.findall(r"Python :: (3\.\d+)'", str(project["classifiers"]))
-    assert minors == ["3.11", "3.12", "3.13"]
-    assert project["requires-python"] == f">={minors[0]}"
+    minors = re.findall(r"Python :: (3\.\d+)'", str(PROJECT["classifiers"]))
+    assert minors == VERSIONS
+    assert PROJECT["requires-python"] == f">={minors[0]}"
     tried = re.findall(r"^\| (3\.\d+)\.\d+ \|", PAGE, flags=re.MULTILINE)
     assert sorted(set(tried)) == minors
 
 
 def test_forms_and_the_container_name_files_and_commands_that_there_are() -> None:
     folder = ROOT / ".github"
-    forms = {"CONTRIBUTING.md", "SECURITY.md", "bug.yml", "config.yml", "idea.yml"}
-    assert {path.name for path in folder.rglob("*") if path.is_file()} == forms
+    files = {"CONTRIBUTING.md", "SECURITY.md", "bug.yml", "config.yml", "idea.yml", "pages.yml", "test.yml"}
+    assert {path.name for path in folder.rglob("*") if path.is_file()} == files
+    site = (folder / "workflows" / "pages.yml").read_text(encoding="utf-8")
+    assert "gustproof guide -o site --no-open" in site
+    assert not re.search(r"secrets\.|https?://", site)
     recipe = (ROOT / "tools" / "Containerfile").read_text(encoding="utf-8")
     copied = [word for line in re.findall(r"^COPY (.+) \S+$", recipe, flags=re.MULTILINE) for word in line.split()]
     assert copied
-    assert all((ROOT / word).exists() for word in copied)
+    workflow = (folder / "workflows" / "test.yml").read_text(encoding="utf-8")
+    run = re.findall(r"run: (tools/\w+)", workflow)
+    assert run == ["tools/test", "tools/versions"]
+    assert all((ROOT / word).exists() for word in (*copied, *run))
+    assert re.findall(r'"(3\.\d+)"', workflow.partition("matrix:")[2].partition("include:")[0]) == VERSIONS
+
+
+def test_each_dependency_stands_in_the_guide_with_its_reason() -> None:
+    rows = re.findall(r"^\| ([^|]+) \| (\d+) \| (\S[^|]+) \|$", PAGE, flags=re.MULTILINE)
+    reasons = {canonicalize_name(name): reason for names, _, reason in rows for name in names.split(", ")}
+    direct = {canonicalize_name(Requirement(line).name) for line in PROJECT["dependencies"]}
+    assert direct <= set(reasons)
+    assert all(len(reason.split()) >= 2 for reason in reasons.values())
+
+
+def test_minimum_versions_of_the_guide_are_those_of_the_project() -> None:
+    told = dict(
+        re.findall(r"(\w[\w.-]*) (\d+(?:\.\d+)+)", PAGE.partition("oldest packages:")[2].partition("and the")[0])
+    )
+    least = {
+        requirement.name: next(iter(requirement.specifier)).version
+        for requirement in map(Requirement, PROJECT["dependencies"])
+    }
+    assert told
+    assert {name: Version(version) for name, version in told.items()} == {name: Version(least[name]) for name in told}
 
 
 def test_the_source_archive_holds_what_is_built_and_no_test_data(tmp_path: Path) -> None:

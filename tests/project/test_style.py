@@ -13,8 +13,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import typer.main
 
 import gustproof
+from gustproof.cli.app import app
+from gustproof.cli.guide import options_page
+from gustproof.guide.site import MADE, load_pages
 
 ROOT = Path(__file__).parents[2]
 MOST_WORDS, MOST_PARAMETERS, MANY_BRANCHES, MOST_BRANCHES = 28, 10, 10, 15
@@ -131,6 +135,10 @@ def long_sentences_in_help() -> Iterator[str]:
 def long_sentences_in_pages() -> Iterator[str]:
     for path in (ROOT / "README.md", *sorted((ROOT / "src" / "gustproof" / "guide").glob("*.md"))):
         yield from (f"{path.name} {text}" for text in long_sentences(path.read_text(encoding="utf-8")))
+    command = typer.main.get_command(app)
+    options = options_page(command.make_context("gustproof", ["guide"], resilient_parsing=True))
+    pages = [page for page in load_pages(options) if page.name in {*MADE, "options"} - {"messages"}]  # lists of fields
+    yield from (f"{page.name} {text}" for page in pages for text in long_sentences(page.markdown))
 
 
 def many_parameters() -> Iterator[str]:

@@ -2,6 +2,7 @@ import math
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.cli import options
 from gustproof.identification.identification import AxisEstimate, Identification, Interval
-from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
+from gustproof.law.form import Law, Output, Provenance, RateLimit, Schedule, load_law
 from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.flight import FlightPlan
@@ -37,14 +38,24 @@ WITHOUT_KERNELS = (
 def pytest_collection_modifyitems(items):
     """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
     for item in items:
-        if not item.path.is_relative_to(UNITS) or any(map(item.get_closest_marker, ("compiled", "slow"))):
-            continue
-        file = item.path.relative_to(UNITS)
-        flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
-        if len(file.parts) > 1 and not flies:
+        if _is_without_kernels(item.path) and not any(map(item.get_closest_marker, ("compiled", "slow"))):
             item.add_marker("plain")
     # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
-    items.sort(key=lambda item: 0 if WAITING in item.path.parents else 1 if item.get_closest_marker("slow") else 2)
+    items.sort(key=lambda item: 0 if _is_waiting(item.path) else 1 if item.get_closest_marker("slow") else 2)
+
+
+@cache
+def _is_without_kernels(path):
+    if not path.is_relative_to(UNITS):
+        return False
+    file = path.relative_to(UNITS)
+    flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
+    return len(file.parts) > 1 and not flies
+
+
+@cache
+def _is_waiting(path):
+    return path.is_relative_to(WAITING)
 
 
 @pytest.fixture(autouse=True)
@@ -57,6 +68,20 @@ def slow_machine_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
 def make_law() -> Callable[..., Law]:
     """Return what makes a law of random numbers, of `n` states and six or eight measurements."""
     return _law
+
+
+@pytest.fixture
+def turn() -> Callable[..., Law]:
+    """Return what gives a law a schedule of random numbers of some size."""
+    return _turn
+
+
+def _turn(law: Law, size: float = 0.3) -> Law:
+    rng, (n, m) = np.random.default_rng(7), law.B.shape
+    shapes = {"J": (4, n), "K": (4, m), "L": (4, 4), "P": (3, 4), "Q": (n, 4)}
+    parts = {name: size * rng.uniform(-1.0, 1.0, shape) for name, shape in shapes.items()}
+    limits, parameters = np.array([0.3, 0.2, 0.5, 0.5]), ("phi", "theta", "r", "r")
+    return replace(law, schedule=Schedule(parameters=parameters, limits=limits, **parts))
 
 
 def _law(n: int = 7, *, scheduled: bool = True, seed: int = 1, measured: int = 6, limited: bool = False) -> Law:

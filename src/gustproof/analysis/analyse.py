@@ -14,7 +14,8 @@ from gustproof.analysis.hover_loop import HoverLoop, hover_loop
 from gustproof.analysis.law_margins import SPREADS, axis_robustness
 from gustproof.analysis.placement import Placement, locate
 from gustproof.analysis.robustness import StabilityRange
-from gustproof.law.form import Law
+from gustproof.law.form import Law, Output
+from gustproof.law.schedule import corners, law_at, schedule_limits
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.scoring.metrics import Metrics, measure
 from gustproof.simulate.direct import fly_direct
@@ -43,6 +44,9 @@ class Analysis:
     unstable."""
     placement: Placement | None
     """Predicted error and the least of linear gyro-only laws at the same Ms and slew; `None` without such a limit."""
+    scheduled_Ms: float | None
+    """[-] largest Ms at the corners of a schedule's box, parameters held, the vehicle at hover; infinite if one is
+    unstable. `None` without a schedule or for a rate law."""
     step_records: Records
     """Flight under a moment step about each axis, without wind or noise."""
     step_moment: tuple[float, float, float]
@@ -82,6 +86,8 @@ class Analysis:
                 "certified_up_to_times": [axis.certified for axis in self.stability],
                 "unstable_at": [axis.unstable and asdict(axis.unstable) for axis in self.stability],
             },
+            "schedule": None if self.law.schedule is None else schedule_limits(self.law.schedule),
+            "scheduled_Ms": self.scheduled_Ms,
             "place": None if self.placement is None else asdict(self.placement),
             "law_poles_rad_s": pole_pairs(self.hover.law_poles),
             "loop_poles_rad_s": pole_pairs(self.hover.loop_poles),
@@ -128,6 +134,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         hover=hover,
         stability=axis_robustness(law, vehicle, scenario),
         placement=None if Ms is None else locate(law, Ms, vehicle, scenario),
+        scheduled_Ms=_scheduled_peak(law, vehicle, scenario),
         step_records=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         records=records,
@@ -135,6 +142,20 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         gust_alone=_measure_flight(quiet, law, vehicle, seed),
         noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
+
+
+def _scheduled_peak(law: Law, vehicle: Vehicle, scenario: Scenario) -> float | None:
+    if law.schedule is None or law.output is not Output.TORQUE:
+        return None
+    loops = [hover_loop(law_at(law, corner), vehicle, scenario).margins for corner in corners(law.schedule)]
+    return max(math.inf if each is None else max(axis.Ms for axis in each.input) for each in loops)
+
+
+def _describe_schedule(analysis: Analysis) -> str:
+    assert analysis.law.schedule is not None
+    limits = ", ".join(f"{name} {limit:.3g}" for name, limit in schedule_limits(analysis.law.schedule).items())
+    peak = "" if analysis.scheduled_Ms is None else f"; Ms at the corners, held, {analysis.scheduled_Ms:.3g} at most"
+    return f"schedule: parameters count up to {limits} (rad, rad/s), beyond as at it{peak}"
 
 
 def _describe_limits(analysis: Analysis) -> list[str]:
@@ -147,6 +168,8 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     elif not unstable:
         lines += _price(analysis)
     lines += _describe_robustness(analysis)
+    if analysis.law.schedule is not None:
+        lines.append(_describe_schedule(analysis))
     if not analysis.law.takes_references:
         lines.append("references: not supported, the law holds level")
     lines.append(_describe_rate_limit(analysis.law))

@@ -5,7 +5,13 @@ from dataclasses import dataclass, replace
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.analysis.robustness import StabilityRange, robust_peak, robust_stability
+from gustproof.analysis.robustness import (
+    RobustnessOverFrequency,
+    StabilityRange,
+    robust_peak,
+    robust_stability,
+    robustness_over_frequency,
+)
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
@@ -120,5 +126,18 @@ def axis_robustness(law: Law, vehicle: Vehicle, scenario: Scenario) -> tuple[Sta
     """
     try:
         return tuple(robust_stability(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
+    except ValueError:
+        return ()
+
+
+def axis_robustness_over_frequency(
+    law: Law, vehicle: Vehicle, scenario: Scenario
+) -> tuple[RobustnessOverFrequency, ...]:
+    """Return mu and the largest sensitivity over frequency for roll, pitch and yaw, under `SPREADS`.
+
+    The result is empty for the laws for which `axis_robustness` is.
+    """
+    try:
+        return tuple(robustness_over_frequency(law, vehicle, scenario, SPREADS, axis) for axis in range(3))
     except ValueError:
         return ()

@@ -9,7 +9,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.mu.axis_loop import AxisLoop, axis_loop
 from gustproof.certify.mu.sweep import Bracket
-from gustproof.certify.mu.zero_exclusion import ParameterBox, is_proven
+from gustproof.certify.mu.zero_exclusion import ParameterBox, is_proven, proven_bands
 from gustproof.law.form import Law, Matrix
 from gustproof.model.uncertainty import Spreads
 
@@ -19,6 +19,10 @@ _SHARES = (0.999, 0.997, 0.99, 0.97, 0.9, 0.8, 0.6, 0.4, 0.2, 0.1)
 """[-] shares of the first instability found that are tried in turn."""
 _PEAK_SHARES = (1.001, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0, 4.0)
 """[-] multiples of the largest peak found that are tried in turn."""
+_BANDS, _BAND_POINTS, _BAND_LAGS, _BAND_FACTORS = 48, 8, 401, 120
+"""Bands of frequency, points and lags tried on each, and multiples of the spreads tried for a proof."""
+_LOWEST_BAND = 0.5
+"""[rad/s] begin of the first band."""
 _FACTORS, _DIRECTIONS = 64, 65
 """Multiples of the spreads, and points on each edge of the box, in the search for an instability."""
 
@@ -104,6 +108,92 @@ def robust_peak(law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads
     upper = next((share * peak for share in _PEAK_SHARES if is_proven(loop, box, peak=share * peak)), math.inf)
     delta = {"inertia": float(direction[0]), "actuator_lag": float(direction[1])}
     return Bracket(lower=peak, upper=upper, omega=omega, delta=delta)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RobustnessOverFrequency:
+    """Bounds of mu and of the sensitivity of an axis on bands of frequency, for constant inertia and lag.
+
+    Upper bounds are proved at every frequency of their band; lower ones are those of members that were tried.
+    """
+
+    omega: Matrix
+    """(k + 1,) [rad/s] ends of the bands."""
+    mu_proved: Matrix
+    """(k,) [-] the family within 1 / mu times the spreads has no pole on the band; infinite if nothing is proved."""
+    mu_floor: float
+    """[-] 1 over the largest multiple of the spreads that was tried; no proof is below it."""
+    mu_found: Matrix
+    """(k,) [-] a member of 1 / mu times the spreads has a pole on the band; 0 if none was found."""
+    S_proved: Matrix
+    """(k,) [-] bound of the sensitivity over the spreads; infinite if nothing is proved."""
+    S_found: Matrix
+    """(k,) [-] largest sensitivity found within the spreads."""
+
+
+def robustness_over_frequency(
+    law: Law, vehicle: Vehicle, scenario: Scenario, spreads: Spreads, axis: int
+) -> RobustnessOverFrequency:
+    """Return mu and the largest sensitivity of an axis at hover, band by band (MATLAB: `mussv`, `wcsigma`).
+
+    Raises
+    ------
+    ValueError
+        Under the conditions of `robust_stability`.
+    """
+    loop = _nominally_stable_loop(law, vehicle, scenario, axis)
+    limit = _LARGEST_DEVIATION / max(spreads.inertia, spreads.actuator_lag)
+    omega = np.geomspace(_LOWEST_BAND, 0.999 * math.pi / loop.dt, _BANDS + 1)
+    unbounded, mu_proved = np.full(_BANDS, math.inf), np.full(_BANDS, math.inf)
+    for factor in np.geomspace(limit, 0.05 * limit, _BAND_FACTORS).tolist():
+        proven = proven_bands(loop, _box(loop, spreads, factor), omega, unbounded)
+        mu_proved[proven & np.isinf(mu_proved)] = 1.0 / factor
+        if np.all(np.isfinite(mu_proved)):
+            break
+    S_found, S_proved = _peaks_on_bands(loop, spreads, omega), np.full(_BANDS, math.inf)
+    for share in _PEAK_SHARES[3:]:
+        proven = proven_bands(loop, _box(loop, spreads, 1.0), omega, share * S_found)
+        S_proved = np.where(proven & np.isinf(S_proved), share * S_found, S_proved)
+    return RobustnessOverFrequency(
+        omega=omega,
+        mu_proved=mu_proved,
+        mu_floor=1.0 / limit,
+        mu_found=_mu_on_bands(loop, spreads, omega, limit),
+        S_proved=S_proved,
+        S_found=S_found,
+    )
+
+
+def _on_bands(omega: Matrix) -> Matrix:
+    """Return `_BAND_POINTS` frequencies on each band, (k, points), ends included."""
+    return np.geomspace(omega[:-1], omega[1:], _BAND_POINTS, axis=1)
+
+
+def _peaks_on_bands(loop: AxisLoop, spreads: Spreads, omega: Matrix) -> Matrix:
+    """Return the largest sensitivity found on each band (k,) [-]."""
+    deltas = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
+    S = np.abs(loop.sensitivity(_on_bands(omega).ravel(), *_members(loop, spreads, deltas)))
+    return np.asarray(np.max(S, axis=0).reshape(-1, _BAND_POINTS).max(axis=1))
+
+
+def _mu_on_bands(loop: AxisLoop, spreads: Spreads, omega: Matrix, limit: float) -> Matrix:
+    """Return 1 over the least multiple of the spreads, up to `limit`, found to have a pole on each band (k,) [-].
+
+    At a frequency and a lag a pole needs one inertia, `1 - 1/S` times the nominal one: real where its imaginary part
+    changes its sign along the lags.
+    """
+    shares = np.linspace(-limit, limit, _BAND_LAGS) * spreads.actuator_lag
+    frequencies, nominal = _on_bands(omega).ravel(), np.full(_BAND_LAGS, loop.inertia)
+    needed = 1.0 - 1.0 / loop.sensitivity(frequencies, nominal, (1.0 + shares) * loop.actuator_lag)
+    before, after = needed[:-1], needed[1:]
+    crosses = before.imag * after.imag <= 0.0
+    weight = np.where(crosses, before.imag / np.where(crosses, before.imag - after.imag, 1.0), 0.0)
+    inertia = before.real + weight * (after.real - before.real) - 1.0
+    lag = shares[:-1, None] + weight * (shares[1:] - shares[:-1])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a spread of 0 excludes any deviation
+        times = np.maximum(np.abs(inertia) / spreads.inertia, np.abs(lag) / spreads.actuator_lag)
+    least = np.min(np.where(crosses & (times <= limit), times, math.inf), axis=0)
+    return np.asarray(1.0 / least.reshape(-1, _BAND_POINTS).min(axis=1))
 
 
 def _nominally_stable_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> AxisLoop:

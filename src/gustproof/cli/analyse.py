@@ -31,7 +31,9 @@ def analyse(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", help="Write Bode plot, sensitivities, step and gust response here (.png, .pdf or .svg)."
+            "-o",
+            "--output",
+            help="Write Bode plot, sensitivities, mu, step and gust response here (.png, .pdf, .svg or .pgf).",
         ),
     ] = None,
     style: FigureLook = FigureStyle.SCREEN,
@@ -49,6 +51,7 @@ def analyse(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.analyse import analyse as analysed
+    from gustproof.analysis.law_margins import axis_robustness_over_frequency
     from gustproof.report.laws import render_analysis
     from gustproof.report.terminal import show
 
@@ -65,7 +68,7 @@ def analyse(
             from gustproof.report.figures import save_analysis
 
             with figures_as(style, data=data):
-                save_analysis(analysis, output)
+                save_analysis(analysis, axis_robustness_over_frequency(read, airframe, script), output)
     except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
         raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:

@@ -75,7 +75,7 @@ def certify(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Name of a shipped design or law, or a file: design .toml, law .json.",
+            help="Name of a shipped design or law, or a file: design .toml, law .json (a scheduled one for a gain).",
             autocompletion=complete("design"),
         ),
     ] = None,
@@ -152,9 +152,10 @@ def certify(
 
     A solver only proposes the evidence. A result is called proven only after a check in exact rational arithmetic. The
     statement is about the design's own plant, or one with the given leak, and its continuous controller. With
-    `--exact-rho` that controller is scheduled: it rotates its own estimates by the airframe's A(rho). With `--slow` the
-    proof uses bounds on the speeds of roll and pitch, which follow from the envelope's rates. It is tighter and takes
-    half a minute.
+    `--exact-rho` that controller is scheduled: it rotates its own estimates by the airframe's A(rho). Of a law file
+    from `gustproof design --method lpv` it is the continuous controller of the file's schedule, with exact rho, and
+    weights are those of its design. With `--slow` the proof uses bounds on the speeds of roll and pitch, which follow
+    from the envelope's rates. It is tighter and takes half a minute.
 
     With --delay-ms the gain holds for every constant delay of the command up to that time. With --saturation 1.5 torque
     is limited, and commands are at most 1.5 times the limit. Beyond that a saturated loop is an open loop. So
@@ -192,6 +193,8 @@ def certify(
 
         gustproof certify flagship --air paper-turbulence --risk 1e-3
 
+        gustproof certify my-lpv.json --angle-rad 0.3 --rate-rad-s 0.5
+
         gustproof certify --check certificate.json
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
@@ -219,7 +222,7 @@ def certify(
     certificate: Certificate | FlightCertificate
     if envelope is not None:
         with working(f"proving a gain of {name}", quiet=as_json):
-            certificate = _certify_gain(_find_design(name), vehicle, *envelope, level=level, **gain)
+            certificate = _certify_gain(name, vehicle, *envelope, level=level, **gain)
     else:
         gains = ("exact_rho", "slow", "level", "leak", "delay_ms", "saturation")
         refuse_given(context, gains, "a flight takes the law file as it is, and proves no gain")
@@ -284,6 +287,8 @@ def _find_design(name: str) -> "Design":
     from gustproof.law.form import list_laws
     from gustproof.synthesis.designs import list_designs, load_design
 
+    if name.endswith(".json"):
+        raise ConfigError("--check takes the certificate of a law file's gain alone: it holds its loop")
     if name not in list_laws():
         return load_design(name)
     made_from = {design.law: design for design in map(load_design, list_designs())}
@@ -300,8 +305,25 @@ def _has_gain(design: "Design") -> bool:
     return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
+def _scheduled_law(name: str) -> "tuple[Design, Uncertain]":
+    """Return the design of a scheduled law's file, and its continuous controller."""
+    from gustproof.law.form import load_law
+    from gustproof.law.schedule import continuous_controller
+    from gustproof.synthesis.designs import list_designs, load_design
+
+    law = load_law(name)
+    design = law.provenance.design.split(":")[0]
+    try:
+        controller = continuous_controller(law)
+        if design not in list_designs():
+            raise ValueError(f"law '{law.name}' was made from no shipped design, and a gain needs the weights of one")
+    except ValueError as error:
+        raise ConfigError(f"{name}: {error}; give the design") from None
+    return load_design(design), controller
+
+
 def _certify_gain(
-    design: "Design",
+    name: str,
     vehicle: str | None,
     angle: float,
     rate: float,
@@ -315,7 +337,8 @@ def _certify_gain(
 ) -> "Certificate":
     from gustproof.certify.gain.l2_gain import certify_gain
 
-    problem, controller = _design_loop(design, vehicle, leak)
+    design, scheduled = _scheduled_law(name) if name.endswith(".json") else (_find_design(name), None)
+    problem, controller = _design_loop(design, scheduled, vehicle, leak)
     delay = _parse_delay(delay_ms)
     try:
         return certify_gain(
@@ -344,20 +367,21 @@ def _parse_delay(delay_ms: float | None) -> "Delay | None":
         raise ConfigError(f"--delay-ms: {error}") from None
 
 
-def _design_loop(design: "Design", vehicle: str | None, leak: float | None) -> "tuple[Interconnection, LinearSystem]":
-    """Return the design's problem, with another leak if given, and its controller."""
+def _design_loop(
+    design: "Design", scheduled: "Uncertain | None", vehicle: str | None, leak: float | None
+) -> "tuple[Interconnection, LinearSystem | Uncertain]":
+    """Return a design's problem, with another leak if given, and its controller or the `scheduled` one."""
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
     airframe = load_vehicle(vehicle or design.vehicle)
-    _, report = derive(design, airframe)
     if leak is not None and not 0.0 < leak < math.inf:
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
-    problem = report.problem if leak is None else design_problem(replace(design, leak=leak), airframe)
-    return problem, report.result.controller
+    problem = design_problem(design if leak is None else replace(design, leak=leak), airframe)
+    return problem, derive(design, airframe)[1].result.controller if scheduled is None else scheduled
 
 
 def _derive_loop(
@@ -376,7 +400,7 @@ def _derive_loop(
     from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds
     from gustproof.model.rotational import Envelope
 
-    problem, controller = _design_loop(design, vehicle, leak)
+    problem, controller = _design_loop(design, None, vehicle, leak)
     delay, scheduled = _parse_delay(delay_ms), exact_rho or design.scheduled
     try:
         envelope = Envelope(angle=angle, rate=rate)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gustproof.model.rotational import Envelope
     from gustproof.synthesis.derive import Solver
     from gustproof.synthesis.designs import Design
+    from gustproof.synthesis.structured.goals import Goal
 
 
 class Method(Enum):
@@ -37,18 +38,21 @@ class Method(Enum):
     HINFSTRUCT = "hinfstruct"  # nonsmooth optimisation: any order, each axis on its own
     NCFSYN = "ncfsyn"  # loop shaping: the widest margin of coprime factors at a crossover
     MUSYN = "musyn"  # D-K iteration: the L2 gain over an envelope
+    LPV = "lpv"  # linear matrix inequalities: the L2 gain over an envelope, scheduled on attitude and rates
 
 
 _OWN_OPTIONS = {
     "gamma": {Method.HINFSYN},
-    "backoff": {Method.HINFSYN, Method.NCFSYN},
+    "backoff": {Method.HINFSYN, Method.NCFSYN, Method.LPV},
     "inner": {Method.HINFSYN},
     "order": {Method.HINFSTRUCT},
     "starts": {Method.HINFSTRUCT},
     "seed": {Method.HINFSTRUCT},
+    "decay": {Method.HINFSTRUCT},
+    "max_gain": {Method.HINFSTRUCT},
     "crossover": {Method.NCFSYN},
-    "angle": {Method.HINFSTRUCT, Method.MUSYN},
-    "rate": {Method.HINFSTRUCT, Method.MUSYN},
+    "angle": {Method.HINFSTRUCT, Method.MUSYN, Method.LPV},
+    "rate": {Method.HINFSTRUCT, Method.MUSYN, Method.LPV},
 }
 """Methods that take an option; all take those that are not here."""
 
@@ -64,7 +68,7 @@ def design(
     ],
     gamma: Annotated[float | None, typer.Option(help="hinfsyn: level to design for.")] = None,
     backoff: Annotated[
-        float | None, typer.Option(help="hinfsyn, ncfsyn: level as a multiple (> 1) of the least possible level.")
+        float | None, typer.Option(help="hinfsyn, ncfsyn, lpv: level as a multiple (> 1) of the least possible level.")
     ] = None,
     vehicle: Annotated[
         str | None,
@@ -77,7 +81,7 @@ def design(
         Method,
         typer.Option(
             help="Central (hinfsyn), least rms for white noise (h2syn), fixed order (hinfstruct), loop shaping (ncfsyn)"
-            " or D-K iteration (musyn)."
+            ", D-K iteration (musyn) or scheduled on attitude and rates (lpv)."
         ),
     ] = Method.HINFSYN,
     order: Annotated[
@@ -85,12 +89,19 @@ def design(
     ] = None,
     starts: Annotated[int, typer.Option(min=1, help="hinfstruct: number of starts of the search.")] = 5,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="hinfstruct: seed of random starts.")] = 1,
+    decay: Annotated[
+        float | None, typer.Option(help="hinfstruct: least decay of every pole of the closed loop [1/s].")
+    ] = None,
+    max_gain: Annotated[
+        float | None,
+        typer.Option(help="hinfstruct: largest singular value of the controller's matrix [A, B; C, D], |K|."),
+    ] = None,
     crossover: Annotated[float, typer.Option(help="ncfsyn: crossover of the shaped loop [rad/s].")] = 20.0,
     angle: Annotated[
-        float | None, typer.Option("--angle-rad", help="musyn, hinfstruct: largest roll and pitch [rad].")
+        float | None, typer.Option("--angle-rad", help="musyn, lpv, hinfstruct: largest roll and pitch [rad].")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option("--rate-rad-s", help="musyn, hinfstruct: largest rates p, q, r [rad/s].")
+        float | None, typer.Option("--rate-rad-s", help="musyn, lpv, hinfstruct: largest rates p, q, r [rad/s].")
     ] = None,
     inner: Annotated[
         Path | None,
@@ -121,6 +132,11 @@ def design(
 
     - musyn: the L2 gain of the weighted loop for all motions within an envelope, proved in exact arithmetic.
 
+    - lpv: the same for a controller that is scheduled: on its own estimate of roll and pitch and the measured rates, as
+    far as the envelope. Its proof takes their estimate as exact.
+
+    With --decay and --max-gain hinfstruct finds the least norm among the controllers that keep these bounds.
+
     The law of a scheduled design is linear with ncfsyn and musyn: their states are no estimates of the attitude.
 
         gustproof design D1
@@ -134,6 +150,8 @@ def design(
         gustproof design D2 --method ncfsyn --crossover 15 -o shaped.json
 
         gustproof design D2 --method musyn --angle-rad 0.3 --rate-rad-s 0.5 -o wide.json
+
+        gustproof design D2 --method lpv --angle-rad 0.3 --rate-rad-s 0.5 -o scheduled.json
 
         gustproof design R1 --inner my-px4.toml -o my-rates.json
     """
@@ -193,6 +211,7 @@ def _choose_solver(
 
     if method is Method.HINFSTRUCT:
         own = {name: options[name] for name in ("order", "starts", "seed")}
+        own["hard_goals"] = tuple(_bounds(options["decay"], options["max_gain"]))
         reduced = methods.named_for("hinfstruct", wanted, estimates=True)
         return reduced, partial(solve_structured, **own, progress=shown, envelope=_parse_envelope(options))
     if method is Method.H2SYN:
@@ -203,13 +222,27 @@ def _choose_solver(
             raise ConfigError(f"--crossover: is {crossover}, must be positive")
         shaped = methods.named_for("ncfsyn", wanted, estimates=False)
         return shaped, partial(methods.solve_loop_shaping, crossover=crossover)
-    if method is Method.MUSYN:
+    if method in (Method.MUSYN, Method.LPV):
         envelope = _parse_envelope(options)
         if envelope is None:
-            raise ConfigError("--method musyn needs --angle-rad and --rate-rad-s")
-        robust = methods.named_for("musyn", wanted, estimates=False)
-        return robust, partial(methods.solve_mu, envelope=envelope, progress=shown)
+            raise ConfigError(f"--method {method.value} needs --angle-rad and --rate-rad-s")
+        solve = methods.solve_mu if method is Method.MUSYN else methods.solve_lpv
+        robust = methods.named_for(method.value, wanted, estimates=False)
+        return robust, partial(solve, envelope=envelope, progress=shown)
     return wanted, None
+
+
+def _bounds(decay: float | None, max_gain: float | None) -> "Iterator[Goal]":
+    """Yield the hard goals of the options."""
+    from gustproof.synthesis.structured.goals import ControllerSizeGoal, DecayGoal
+
+    for option, value in (("--decay", decay), ("--max-gain", max_gain)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise ConfigError(f"{option}: is {value}, must be positive")
+    if decay is not None:
+        yield DecayGoal(minimum=decay)
+    if max_gain is not None:
+        yield ControllerSizeGoal(limit=max_gain)
 
 
 def _parse_envelope(options: dict[str, Any]) -> "Envelope | None":

@@ -2,9 +2,11 @@
 
 import shlex
 import sys
-from contextlib import ExitStack
+from collections.abc import Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from firmware_model.config.vehicle import Vehicle
     from gustproof.campaign.rerun import CampaignRun
     from gustproof.entries.entry import Pilot
+    from gustproof.live.live import LivePage
     from gustproof.simulate.flight import Flight, FlightPlan
     from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
@@ -51,9 +54,12 @@ def fly(
         ),
     ] = None,
     law: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own].", autocompletion=complete("law")
+            help=f"{LAW_HELP} [default: flagship, tuned for a vehicle of your own]. With --view, repeat it to choose "
+            "on the page.",
+            autocompletion=complete("law"),
+            show_default=False,
         ),
     ] = None,
     controller: Annotated[
@@ -89,7 +95,11 @@ def fly(
     ] = None,
     view: Annotated[
         bool,
-        typer.Option("--view", help="Watch the flight on a page in a browser of this machine; the page starts it."),
+        typer.Option(
+            "--view",
+            help="Watch the flight on a page in a browser of this machine. The page starts it, flies again and shows "
+            "both; closing it ends the command.",
+        ),
     ] = False,
     tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
     anyway: Anyway = False,
@@ -109,6 +119,8 @@ def fly(
         gustproof fly paper-turbulence --law my-law.json --seed 7 --json
 
         gustproof fly paper --law hinf-scheduled --real-time --view
+
+        gustproof fly gust-roll --law pid-fair --law flagship --view
 
         gustproof fly --repeat runs/fly-001
 
@@ -130,40 +142,124 @@ def fly(
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """
-    from gustproof.recording.folder import make_run_folder, unless_refused
-    from gustproof.simulate.flight import FlightPlan
-    from gustproof.simulate.guest import ForeignAutopilot
-    from gustproof.simulate.outcome import FlightOutcome
+    from gustproof.recording.folder import make_run_folder
 
-    table_run = _find_run(context, run, scenario, law) if run and not repeat else None
+    laws: list[str | None] = [*law] if law else [None]
+    _refuse_several(laws, allowed=view and not any((as_json, autopilot, repeat, run)))
+    table_run = _find_run(context, run, scenario, laws[0]) if run and not repeat else None
+    plans: list[FlightPlan | GuestPlan]
     if table_run:
-        plan = table_run.plan
+        plans = [table_run.plan]
     elif repeat:
-        plan = _load_plan(context, repeat)
+        plans = [_load_plan(context, repeat)]
     elif autopilot:
+        from gustproof.simulate.guest import ForeignAutopilot
+
         refuse_given(context, ("controller",), "--autopilot flies")
-        chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=law or "", instance=instance)
-        plan = _make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)
+        chosen = ForeignAutopilot(kind=autopilot, build=build, parameters=params, law=laws[0] or "", instance=instance)
+        plans = [_make_guest_plan(load_script(scenario, free=free), chosen, vehicle, seed, real_time=real_time)]
     else:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         script = load_script(scenario, free=free)
-        flown, airframe = _find_pilot(script, law, controller, vehicle, anyway=anyway, quiet=as_json)
-        plan = FlightPlan(script, flown, airframe, seed, real_time)
-    folder = make_run_folder(out, "fly")
-    try:
-        with unless_refused(folder):
-            result = _fly(plan, folder, tlog=tlog, view=view, quiet=as_json)
-    except KeyboardInterrupt:
-        if not any(folder.glob("*.journal")):
-            raise
-        line = f"interrupted while the bag was written; restore it by gustproof recover {folder}"
-        raise exit_with(line, ExitStatus.INTERRUPTED) from None
-    interrupted = result.outcome is FlightOutcome.INTERRUPTED
-    comparison = None if interrupted else _compare(result, plan, repeat, table_run)
-    _print_flight(result, comparison, as_json=as_json)
-    if interrupted:
-        raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
-    _report_failures(result, comparison, folder)
+        pilots = [_find_pilot(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws]
+        plans = _make_plans(script, pilots, seed, real_time=real_time)
+    session = _Session(plans, repeat, table_run, tlog=tlog, as_json=as_json)
+    session.run(make_run_folder(out, "fly"), out, view=view)
+
+
+def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
+    if len(laws) > 1 and not allowed:
+        raise ConfigError("more than one --law is for --view of our own flights; `gustproof compare` flies them all")
+
+
+def _make_plans(
+    script: "Scenario", pilots: "Sequence[tuple[Pilot, Vehicle]]", seed: int, *, real_time: bool
+) -> "list[FlightPlan | GuestPlan]":
+    from gustproof.simulate.flight import FlightPlan
+
+    return [FlightPlan(script, pilot, vehicle, seed, real_time) for pilot, vehicle in pilots]
+
+
+class _Session:
+    """Flights of one command: one, or on a page one after another. The first failure becomes the exit status."""
+
+    def __init__(
+        self,
+        plans: "Sequence[FlightPlan | GuestPlan]",
+        repeat: Path | None,
+        table_run: "CampaignRun | None",
+        *,
+        tlog: bool,
+        as_json: bool,
+    ) -> None:
+        self._plans, self._repeat, self._table_run = plans, repeat, table_run
+        self._tlog, self._as_json = tlog, as_json
+        self._bags: list[Path] = []
+        self._failure: typer.Exit | None = None
+
+    def run(self, folder: Path, out: Path | None, *, view: bool) -> None:
+        """Fly into `folder` once, or with `view` as often as the page says; then exit with the first failure."""
+        if view:
+            self.fly_on_page(folder, out)
+        else:
+            self.fly(self._plans[0], folder)
+        if self._failure:
+            raise self._failure
+
+    def fly(self, plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None" = None) -> None:
+        """Fly, print the result, and end at an interruption."""
+        from gustproof.recording.folder import unless_refused
+        from gustproof.simulate.outcome import FlightOutcome
+
+        try:
+            with unless_refused(folder):
+                result = _fly(plan, folder, page, tlog=self._tlog, quiet=self._as_json)
+        except KeyboardInterrupt:
+            if not any(folder.glob("*.journal")):
+                raise
+            line = f"interrupted while the bag was written; restore it by gustproof recover {folder}"
+            raise exit_with(line, ExitStatus.INTERRUPTED) from None
+        if page:
+            self._bags += [result.bag] if result.bag else []
+            report = partial(_render_report, tuple(self._bags)) if self._bags else None
+            page.end(result.message, result.records, _next_commands(result), report)
+        interrupted = result.outcome is FlightOutcome.INTERRUPTED
+        comparison = None if interrupted else _compare(result, plan, self._repeat, self._table_run)
+        _print_flight(result, comparison, as_json=self._as_json)
+        if interrupted:
+            raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+        self._failure = self._failure or _report_failures(result, comparison, folder)
+
+    def fly_on_page(self, folder: Path, out: Path | None) -> None:
+        """Fly whenever a page says so, until no page is open; the flights after the first get folders of their own."""
+        from gustproof.live.live import LivePage
+        from gustproof.recording.folder import make_run_folder
+
+        first = self._plans[0]
+        names = [_pilot_name(plan) for plan in self._plans]
+        with LivePage(first.scenario, names, first.vehicle, real_time=first.real_time) as page:
+            print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
+            import_module("gustproof.simulate.recorder")  # while the page's reader looks for Start
+            self.fly(self._plans[page.wait()], folder, page)
+            if self._as_json:
+                return
+            print("gustproof: the page can fly again; close it, or press Ctrl-C, to end", file=sys.stderr, flush=True)
+            while (chosen := page.wait_again()) is not None:
+                again = out and out.with_name(f"{out.name}-{1 + len(self._bags)}")
+                self.fly(self._plans[chosen], make_run_folder(again, "fly"), page)
+
+
+def _pilot_name(plan: "FlightPlan | GuestPlan") -> str:
+    from gustproof.simulate.flight import FlightPlan
+
+    return plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
+
+
+def _render_report(bags: tuple[Path, ...]) -> str:
+    from gustproof.report.html.page import render_page
+    from gustproof.report.html.runs import MAX_RUNS, read_runs
+
+    return render_page(read_runs(bags[-MAX_RUNS:]))
 
 
 def _print_flight(result: "Flight", comparison: _Comparison | None, *, as_json: bool) -> None:
@@ -177,49 +273,34 @@ def _print_flight(result: "Flight", comparison: _Comparison | None, *, as_json: 
         show(render_flight(*document, result.own_view))
 
 
-def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> None:
-    """Print how a flight compares with its original, and exit if it differs, broke off or failed a requirement."""
+def _report_failures(result: "Flight", comparison: _Comparison | None, folder: Path) -> typer.Exit | None:
+    """Print how a flight compares with its original; return the exit if it differs, broke off or did not comply."""
     if comparison and comparison[0] is False:
-        raise exit_with(comparison[1], ExitStatus.REQUIREMENT_FAILED)
+        return exit_with(comparison[1], ExitStatus.REQUIREMENT_FAILED)
     if comparison:
         print(f"gustproof: {comparison[1]}", file=sys.stderr)
     if not result.has_expected_outcome:
-        raise exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
+        return exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.is_met for each in result.requirements)
     if failed:
-        raise exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
+        return exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
+    return None
 
 
-def _fly(plan: "FlightPlan | GuestPlan", folder: Path, *, tlog: bool, view: bool, quiet: bool) -> "Flight":
-    """Fly with progress on standard error and, if `view`, on a page that starts the flight."""
+def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool) -> "Flight":
+    """Fly with progress on standard error, and on a page if there is one."""
     from gustproof.simulate.checkup import is_cold
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
-    pilot = plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
     if not quiet:
         _print_warnings(plan)
-    title = f"{plan.scenario.name}, {pilot}"
-    with ExitStack() as stack:
-        page = None
-        if view:
-            from gustproof.live.live import LivePage
-
-            page = stack.enter_context(LivePage(plan.scenario, pilot, plan.vehicle, real_time=plan.real_time))
-            print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
-            page.wait()
-        shown = stack.enter_context(progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet))
-        watch = page.watch if page else None
+    title = f"{plan.scenario.name}, {_pilot_name(plan)}"
+    with progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet) as shown:
+        options: dict[str, Any] = {"tlog": tlog, "progress": lambda x: shown(x, title)}
         if isinstance(plan, FlightPlan):
-            result = fly_and_record(plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=watch)
-        else:
-            follow = page.follow if page else None
-            result = fly_guest_and_record(
-                plan, folder, tlog=tlog, progress=lambda x: shown(x, title), on_listening=follow
-            )
-        if page:
-            page.end(result.message, result.records, _next_commands(result))
-    return result
+            return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
+        return fly_guest_and_record(plan, folder, **options, on_listening=page.follow if page else None)
 
 
 def _print_warnings(plan: "FlightPlan | GuestPlan") -> None:

@@ -58,14 +58,14 @@ def guide(
     if output is not None and output.is_dir() and any(output.iterdir()) and not (output / "guide.css").exists():
         raise ConfigError(f"{output}: holds other files, and no guide to replace")
     folder = Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output
-    write_site(load_pages(_options_page(context.find_root())), folder)
+    write_site(load_pages(options_page(context.find_root())), folder)
     opened = (folder / f"{page}.html").resolve()
     print(opened)
     if browse:
         webbrowser.open(opened.as_uri())
 
 
-def _options_page(root: Any) -> str:
+def options_page(root: Any) -> str:
     """Return the reference of all commands below the root's context."""
     from gustproof.guide.reference import command_options
 

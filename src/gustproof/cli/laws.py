@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from gustproof.law.form import Law
 
 LAW_HELP = (
-    "Name of a shipped law, a .json or .mat file, a folder of tables, or parameters of PX4 or ArduPilot (.params, "
-    ".param), whose own loops are then the law."
+    "Name of a shipped law, a .json or .mat file, or a folder of tables. Parameters of PX4 or ArduPilot (.params, "
+    ".param) mean that autopilot's own loops."
 )
 
 
@@ -35,11 +35,12 @@ def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law
     ConfigError
         If a parameter file is wrong.
     """
-    from gustproof.autopilots.models import read_autopilot_law
     from gustproof.law.io.matrices import read_law
 
     if not is_parameter_file(name_or_path):
         return read_law(name_or_path)
+    from gustproof.autopilots.models import read_autopilot_law
+
     found = read_autopilot_law(Path(name_or_path), vehicle, rate_hz=rate_hz)
     for remark in found.remarks:
         print(f"{found.law.name}: {printable(remark)}", file=sys.stderr)
@@ -56,17 +57,18 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     DesignError
         If there is none.
     """
-    from dataclasses import replace
-
-    from firmware_model.config.scenario import load_scenario
-    from gustproof.cli.options import progress
     from gustproof.controller import DEFAULT_LAW
     from gustproof.law.form import load_law
-    from gustproof.synthesis.tune import tune_law
 
     shipped, name = load_law(DEFAULT_LAW), vehicles.nominal.name
     if shipped.provenance.vehicle == name:
         return shipped
+    from dataclasses import replace
+
+    from firmware_model.config.scenario import load_scenario
+    from gustproof.cli.options import progress
+    from gustproof.synthesis.tune import tune_law  # takes longer to import than the shipped law to fly
+
     air = replace(
         load_scenario("paper-turbulence"),
         control_rate_hz=script.control_rate_hz,

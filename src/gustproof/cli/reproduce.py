@@ -16,6 +16,7 @@ class FigureFile(Enum):
     PNG = "png"
     PDF = "pdf"
     SVG = "svg"
+    PGF = "pgf"
 
 
 def reproduce(

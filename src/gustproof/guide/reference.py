@@ -1,12 +1,11 @@
 """Reference pages as Markdown, made from what the program itself uses: models, message tables, docstrings."""
 
-import ast
 import inspect
 import re
-import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import gustproof
@@ -15,14 +14,24 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording import journal
 from firmware_model.session.vehicle_endpoint import HEARTBEAT_US, VehicleEndpoint
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
-from gustproof.law.form import FORMAT, Law, Provenance, RateLimit
-from gustproof.recording.definitions import COMMAND_AGE, FLIGHT, MODE, definition, rotors_message
-from gustproof.recording.topics import ESTIMATE_TOPICS, TOPICS
+from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
+from gustproof.recording.definitions import (
+    ANGLES,
+    COMMAND_AGE,
+    FLIGHT,
+    LOG,
+    MODE,
+    REQUIREMENT,
+    definition,
+    rotors_message,
+)
+from gustproof.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
+from gustproof.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
 
 _EDITORS = (
     "`gustproof guide --schemas DIR` writes these tables as JSON Schemas. An editor that knows TOML, such as VS Code "
     "with Even Better TOML, completes and checks keys by them. Begin the file with "
-    "`#:schema DIR/{kind}.schema.json`.\n\n"
+    "`#:schema ./DIR/{kind}.schema.json`, the path from the file itself.\n\n"
     "Rules between keys are checked when the file is read; each mistake is one line."
 )
 
@@ -50,9 +59,14 @@ def law_keys() -> str:
         "law flies by one formula:\n\n```text\n"
         + inspect.cleandoc(import_module(Law.__module__).__doc__ or "").split("\n\n")[1]
         + "\n```\n\n`y` is gyro p, q, r [rad/s] and reference phi, theta, psi [rad]. With an accelerometer, roll and "
-        "pitch by gravity [rad] follow.\n"
+        "pitch by gravity [rad] follow. `rate_limit` and `schedule` may be left out.\n"
     ]
-    for title, kind in (("The law", Law), ("rate_limit", RateLimit), ("provenance", Provenance)):
+    for title, kind in (
+        ("The law", Law),
+        ("rate_limit", RateLimit),
+        ("schedule", Schedule),
+        ("provenance", Provenance),
+    ):
         parts.append(f"## {title}\n\n{_attributes_table(kind, 'key')}")
     return "\n".join(parts)
 
@@ -79,110 +93,55 @@ def _bullets(values: Iterable[Any]) -> str:
 
 def _keys_table(table: Schema) -> str:
     rows = [(f"`{key.name}`", key.values, key.default or "must be given", key.meaning) for key in describe_keys(table)]
-    return _table(("key", "values", "default", "meaning"), rows)
-
-
-def json_fields() -> str:
-    """Return the reference of what `--json` prints."""
-    parts = [
-        "# Fields of JSON output\n\nEvery command that reports has `--json`. It prints one document on standard "
-        "output, and nothing else. Units stand at the end of the names: `_deg`, `_s`, `_nm`. Numbers that are not "
-        "finite are `null`.\n"
-    ]
-    for command, title, path in _DOCUMENTS:
-        module, _, name = path.rpartition(".")
-        kind = getattr(import_module(module), name)
-        table = _document_table(kind) if "to_dict" in vars(kind) else _attributes_table(kind, "field")
-        parts.append(f"## {title}\n\n{command}\n\n{table}")
-    return "\n".join(parts)
-
-
-_DOCUMENTS = (
-    ("`gustproof fly --json`", "A flight", "gustproof.simulate.flight.Flight"),
-    (
-        "Figures of one flight, in `fly`, `analyse` and the tables of a campaign.",
-        "Figures",
-        "gustproof.scoring.metrics.Metrics",
-    ),
-    ("An entry of `requirements`.", "A requirement", "gustproof.scoring.requirements.RequirementResult"),
-    ("`gustproof analyse --json`", "An analysis", "gustproof.analysis.analyse.Analysis"),
-    ("`gustproof judge --json`", "A judgement", "gustproof.analysis.judge.Judgement"),
-    ("`gustproof design --json`", "A design", "gustproof.synthesis.derive.DesignReport"),
-    ("`gustproof tune --json`", "A tuning", "gustproof.synthesis.tune.Tuning"),
-    (
-        "`gustproof certify --json`, for a design",
-        "A certificate of a gain",
-        "gustproof.certify.certificate.Certificate",
-    ),
-    (
-        "`gustproof certify --json`, for a law",
-        "A certificate of a flight",
-        "gustproof.certify.boundedness.FlightCertificate",
-    ),
-    ("`gustproof campaign --json`", "A campaign", "gustproof.campaign.statistics.CampaignStatistics"),
-    ("`gustproof campaign --rare --json`", "A rare event", "gustproof.campaign.rare.RareEstimate"),
-    ("`gustproof compare --json`, one entry a row", "A comparison", "gustproof.simulate.comparison.ComparisonRow"),
-    ("`gustproof check-controller --json`, an entry of `findings`", "A finding", "gustproof.simulate.findings.Finding"),
-    ("`gustproof league --json`", "A league", "gustproof.league.season.League"),
-    ("`gustproof reproduce --json`", "A reproduction", "gustproof.reproduce.run.Reproduction"),
-)
-"""Command, title and model of each document."""
-
-
-def _document_table(kind: type) -> str:
-    """Return the keys of a class's `to_dict`, each with the docstring of the attribute that it is made from."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(vars(kind)["to_dict"])))
-    outer = [node for node in ast.walk(tree) if isinstance(node, ast.Dict)]
-    inner = {child for node in outer for value in node.values for child in ast.walk(value)}
-    rows = [row for node in outer if node not in inner for row in _document_rows(node, attribute_docs(kind))]
-    return _table(("field", "meaning"), rows) if rows else _attributes_table(kind, "field")
-
-
-def _document_rows(node: ast.Dict, docs: Mapping[str, str], above: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the keys of a dictionary in source, those of dictionaries in it with the names above them."""
-    for key, value in zip(node.keys, node.values, strict=True):
-        source = re.search(r"self\.(\w+)", ast.unparse(value))
-        meaning = docs.get(source[1], "") if source else ""
-        name = f"{above}{key.value!s}" if isinstance(key, ast.Constant) else ""
-        if isinstance(value, ast.Dict):
-            yield from _document_rows(value, docs, f"{name}.")
-        elif name:
-            yield f"`{name}`", meaning
-        elif source and "asdict" in ast.unparse(value):
-            yield f"keys of `{source[1]}`", meaning
-        else:  # such as **({} if … else {"key": …})
-            for part in (part for part in ast.walk(value) if isinstance(part, ast.Dict)):
-                yield from _document_rows(part, docs, above)
+    return markdown_table(("key", "values", "default", "meaning"), rows)
 
 
 def _attributes_table(kind: type, heading: str) -> str:
     names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(getattr(kind, "_fields", ()))
     docs = attribute_docs(kind)
-    return _table((heading, "meaning"), [(f"`{name}`", docs.get(name, "")) for name in names])
+    return markdown_table((heading, "meaning"), [(f"`{name}`", docs.get(name, "")) for name in names])
 
 
 def bag_topics() -> str:
     """Return the reference of a recording: its topics, message types of our own, and the journal's fields."""
-    meanings = dict(re.findall(r'\("(\w+)", "<f8"[^#\n]*# (.+)', inspect.getsource(journal)))
-    rows = [
+    meanings = dict(re.findall(r'\("(\w+)", "<f8"[^#\n]*# (.+)', inspect.getsource(journal))) | _DERIVED
+    rows = [(f"`{name}`", f"`{kind}`", "", meaning) for name, kind, meaning in _TOLD_TOPICS]
+    rows += [
         (
             f"`{topic.name}`",
             f"`{topic.message}`",
             f"`{topic.frame_id}`",
             "; ".join(f"`{name}`: {meanings.get(name, 'told by a real autopilot')}" for name in topic.fields),
         )
-        for topic in (*TOPICS, *ESTIMATE_TOPICS)
+        for topic in (*TOPICS, *ANGLE_TOPICS, *ESTIMATE_TOPICS)
     ]
-    own = {name: definition(name)[0].partition("=" * 80)[0] for name in (FLIGHT, MODE, rotors_message(4), COMMAND_AGE)}
+    own = (FLIGHT, MODE, rotors_message(4), COMMAND_AGE, ANGLES, REQUIREMENT)
+    texts = {name: definition(name)[0].partition("=" * 80)[0] for name in own}
     return "\n".join(
         [
             "# Topics of a recording\n\nA flight is recorded as a rosbag2 folder with one MCAP file. ROS 2 tools, "
-            "Foxglove and PlotJuggler open it. It is equal to the flight's journal bit for bit. N is north, east, "
-            "down; B is forward, right, down. `/flight` and `/mode` hold what is told once and at changes.\n",
-            _table(("topic", "type", "frame", "fields of the journal"), rows),
-            *(f"## {name}\n\n```text\n{text.strip()}\n```\n" for name, text in own.items()),
+            "[Foxglove and PlotJuggler](viewers.md) open it. It is equal to the flight's journal bit for bit. N is "
+            "north, east, down; B is forward, right, down. The type of `/actuator/rotors` has the number of rotors "
+            "in its name if these are not four.\n",
+            markdown_table(("topic", "type", "frame", "content"), rows),
+            *(f"## {name}\n\n```text\n{text.strip()}\n```\n" for name, text in texts.items()),
         ]
     )
+
+
+_DERIVED = {
+    "euler": "[deg] Euler angles of the true attitude",
+    "reference": "[deg] angles that the scenario wants",
+    "error": "[deg] attitude less reference, as figures and requirements count it",
+}
+"""Meaning of the fields that are made for viewers."""
+_TOLD_TOPICS = (
+    ("/flight", FLIGHT, "everything that a repetition needs, once"),
+    ("/mode", MODE, "mode of the autopilot, at each change"),
+    (EVENTS_TOPIC, LOG, "a line as each gust, fault and event begins and ends"),
+    (REQUIREMENTS_TOPIC, REQUIREMENT, "result of each requirement, at the end of its window"),
+)
+"""Topics without a stream of numbers: name, type and content."""
 
 
 def mavlink_messages() -> str:
@@ -205,6 +164,12 @@ def mavlink_messages() -> str:
         (f"`{known[number].msgname}`", str(number), "on request", _message_fields(known[number]))
         for number in sorted(services.on_request)
     ]
+    ids = {message.msgname: number for number, message in known.items()}
+    answers = {ids[name] for name in _answers(type(services))} - {*services.streams, *services.on_request}
+    sent += [
+        (f"`{known[number].msgname}`", str(number), "as an answer", _message_fields(known[number]))
+        for number in sorted(answers)
+    ]
     setpoints = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
     read = [
         (f"`{known[number].msgname}`", str(number), _message_fields(known[number]))
@@ -220,13 +185,19 @@ def mavlink_messages() -> str:
             "[The protocol page](protocol.md) tells what a controller sends when. Parameters are listed by "
             "`gustproof autopilot --params`.\n",
             "## Messages that the vehicle sends\n",
-            _table(("message", "id", "interval by default", "fields"), sent),
+            markdown_table(("message", "id", "interval by default", "fields"), sent),
             "## Messages that it reads\n",
-            _table(("message", "id", "fields"), read),
+            markdown_table(("message", "id", "fields"), read),
             "## Commands that it obeys or refuses with a reason\n",
-            _table(("command", "id", "meaning in MAVLink"), commands),
+            markdown_table(("command", "id", "meaning in MAVLink"), commands),
         ]
     )
+
+
+def _answers(services: type) -> set[str]:
+    """Return the names of the messages that the sources of the services build."""
+    sources = (path.read_text(encoding="utf-8") for path in Path(inspect.getfile(services)).parent.glob("*.py"))
+    return {name.upper() for text in sources for name in re.findall(r"MAVLink_(\w+)_message", text)}
 
 
 def _interval(interval_us: int | None) -> str:
@@ -244,7 +215,7 @@ def python_api() -> str:
     parts = [
         "# Python API\n\nAll names are imported from `gustproof`. The examples are run by the tests. "
         "[The library page](library.md) shows a whole way through them.\n",
-        _table(
+        markdown_table(
             ("name", "purpose"),
             [(f"[`{name}`](#{name.lower()})", _first_line(getattr(gustproof, name))) for name in names],
         ),
@@ -253,7 +224,7 @@ def python_api() -> str:
         value = getattr(gustproof, name)
         parts.append(f"## {name}\n\n```python\n{_signature(name, value)}\n```\n\n{_docstring(value.__doc__ or '')}")
         if inspect.isclass(value) and (rows := list(_class_rows(value))):
-            parts.append(_table(("attribute", "meaning"), rows))
+            parts.append(markdown_table(("attribute", "meaning"), rows))
     return "\n".join(parts)
 
 
@@ -319,7 +290,7 @@ def command_options(commands: Mapping[str, Any], context: Callable[[str, Any], A
         if name in helps:
             parts.append(f"```text\n{helps[name].strip()}\n```\n")
         elif rows:
-            parts.append(_table(("option", "default", "meaning"), rows))
+            parts.append(markdown_table(("option", "default", "meaning"), rows))
     return "\n".join(parts)
 
 
@@ -344,7 +315,8 @@ def _help_text(text: str) -> str:
     return "\n".join(shown[:-1])
 
 
-def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of Markdown; line breaks and bars in cells are mended."""
     lines = [heading, ["---"] * len(heading), *rows]
     return "".join(f"| {' | '.join(_plain(cell).replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 

@@ -6,9 +6,11 @@ Keys, types, ranges and defaults are those of the models that read the files; me
 import ast
 import inspect
 import json
+import sys
 import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -32,12 +34,26 @@ def attribute_docs(kind: type) -> Mapping[str, str]:
     """Return the docstrings of a class's attributes and properties by name, those of its bases included."""
     docs: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
-        try:
-            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        except (OSError, TypeError):  # built in
-            continue
-        docs |= _body_docs(tree.body if isinstance(tree, ast.ClassDef) else [])
+        docs |= _body_docs(_class_body(base))
     return docs
+
+
+def _class_body(kind: type) -> list[ast.stmt]:
+    """Return the statements of a class; none of one that is built in."""
+    found = _module_classes(kind.__module__).get(kind.__qualname__)
+    if found is None and "<locals>" in kind.__qualname__:
+        found = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    return found.body if isinstance(found, ast.ClassDef) else []
+
+
+@cache
+def _module_classes(name: str) -> dict[str, ast.stmt]:
+    """Return the classes of a module by name; none without a source."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[name]))
+    except (OSError, TypeError):  # built in
+        return {}
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
 
 
 def _body_docs(body: list[ast.stmt]) -> dict[str, str]:

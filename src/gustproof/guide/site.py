@@ -4,18 +4,16 @@ Pages are Markdown, and so read well where they lie. Those of the reference are 
 """
 
 import html
+import json
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
-from itertools import count, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from markdown_it import MarkdownIt
-from markdown_it.token import Token
-
-from gustproof.guide import reference
+from gustproof.guide import documents, reference
+from gustproof.guide.rendering import Section, render_markdown, term_anchor
 from gustproof.version import __version__
 
 GUIDE = Path(str(files("gustproof.guide")))
@@ -30,6 +28,8 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "campaign",
         "league",
         "export",
+        "figures",
+        "viewers",
         "ground-station",
         "px4",
         "ardupilot",
@@ -60,7 +60,7 @@ MADE: Mapping[str, Callable[[], str]] = {
     "keys-vehicle": reference.vehicle_keys,
     "keys-design": reference.design_keys,
     "keys-law": reference.law_keys,
-    "json": reference.json_fields,
+    "json": documents.json_fields,
     "topics": reference.bag_topics,
     "messages": reference.mavlink_messages,
     "api": reference.python_api,
@@ -68,8 +68,7 @@ MADE: Mapping[str, Callable[[], str]] = {
 """Pages made from the models; `options` is made from the command line that is given."""
 
 
-_WIDE = '<div class="wide" role="region" aria-label="Table {}" tabindex="0"><table>'
-"""Opening of a table, which scrolls on its own if it is wide."""
+_GLOSSARY = "glossary"
 
 
 class Page(NamedTuple):
@@ -106,15 +105,28 @@ def write_site(pages: Sequence[Page], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for kind in ("pictures", "assets"):
         for file in sorted((GUIDE / kind).iterdir()):
-            if file.suffix in {".png", ".svg", ".css"}:
+            if file.suffix in {".png", ".svg", ".css", ".js"}:
                 shutil.copyfile(file, folder / file.name)
+    index = []
+    terms = list_terms(next((page.markdown for page in pages if page.name == _GLOSSARY), ""))
     for page in pages:
-        (folder / f"{page.name}.html").write_text(render_page(page, pages), encoding="utf-8")
+        body, sections = render_markdown(page.markdown, {} if page.name == _GLOSSARY else terms)
+        if page.name == _GLOSSARY:
+            body = re.sub("<strong>(.+?)</strong>", lambda m: f'<strong id="{term_anchor(m[1])}">{m[1]}</strong>', body)
+        (folder / f"{page.name}.html").write_text(_render_page(page, pages, body, sections), encoding="utf-8")
+        index += [(page.name, each.anchor, page.title, each.title, each.text) for each in sections]
+    words = json.dumps(index, ensure_ascii=False, separators=(",", ":"))
+    (folder / "search.js").write_text(f"guideIndex({words});\n", encoding="utf-8")
 
 
-def render_page(page: Page, pages: Sequence[Page]) -> str:
-    """Return the HTML of a page with the contents of all."""
-    body = render_markdown(page.markdown)
+def list_terms(glossary: str) -> dict[str, str]:
+    """Return the meaning of each term of the glossary, without marks."""
+    found = re.findall(r"^- \*\*(.+?)\*\*[^:\n]*: (.+?)(?=\n\n|\n- |\Z)", glossary, re.MULTILINE | re.DOTALL)
+    return {term: re.sub(r"[`*]", "", " ".join(meaning.split())) for term, meaning in found}
+
+
+def _render_page(page: Page, pages: Sequence[Page], body: str, sections: Sequence[Section]) -> str:
+    """Return the HTML of a page: its `body`, its `sections`, and the contents of all pages."""
     place = pages.index(page)
     links = [
         f'<a rel="{relation}" href="{other.name}.html">{sign.format(html.escape(other.title))}</a>'
@@ -124,6 +136,8 @@ def render_page(page: Page, pages: Sequence[Page]) -> str:
         )
         if other
     ]
+    made = page.name in MADE or page.name == "options"
+    source = "models, docstrings and commands" if made else f"<code>src/gustproof/guide/{page.name}.md</code>"
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -133,19 +147,33 @@ def render_page(page: Page, pages: Sequence[Page]) -> str:
 <title>{html.escape(page.title)} – gustproof</title>
 <link rel="icon" href="data:,">
 <link rel="stylesheet" href="guide.css">
+<script src="guide.js" defer></script>
 </head>
 <body>
 <a class="skip" href="#main">Skip to the text</a>
 <header><a href="index.html">gustproof</a> <span>{html.escape(__version__)}</span>
-<a class="contents" href="#contents">Contents</a></header>
-<main id="main" tabindex="-1">
+<a class="contents" href="#contents">Contents</a>
+<form role="search" hidden><input type="search" aria-label="Search the guide" placeholder="Search ( / )"
+autocomplete="off" spellcheck="false"><ul aria-label="Found"></ul><p role="status"></p></form></header>
+{_render_sections(sections)}<main id="main" tabindex="-1">
 {body}</main>
 <nav id="contents" aria-label="Contents">
 {_render_contents(page, pages)}</nav>
-<footer><nav aria-label="Previous and next page">{"".join(links)}</nav></footer>
+<footer><nav aria-label="Previous and next page">{"".join(links)}</nav>
+<p>Made from {source}</p></footer>
 </body>
 </html>
 """
+
+
+def _render_sections(sections: Sequence[Section]) -> str:
+    """Return the links to the sections of a page; nothing if it has fewer than three."""
+    parts = [section for section in sections if section.level == 2]
+    links = "".join(f'<li><a href="#{part.anchor}">{html.escape(part.title)}</a></li>' for part in parts)
+    if len(parts) < 3:
+        return ""
+    listed = f"<details><summary>On this page</summary><ul>{links}</ul></details>"
+    return f'<nav id="sections" aria-label="On this page">{listed}</nav>\n'
 
 
 def _render_contents(current: Page, pages: Sequence[Page]) -> str:
@@ -160,44 +188,3 @@ def _render_contents(current: Page, pages: Sequence[Page]) -> str:
         ]
         parts.append(f"<p>{section}</p><ul>{''.join(entries)}</ul>")
     return "\n".join(parts)
-
-
-def render_markdown(text: str) -> str:
-    """Return Markdown with tables as HTML: headings have anchors, links lead to pages, wide blocks can be scrolled."""
-    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = parser.parse(text)
-    _name_headings(tokens)
-    for inline in (child for token in tokens for child in (token.children or ())):
-        for key in ("href", "src"):
-            if target := inline.attrGet(key):
-                inline.attrSet(key, _site_address(str(target)))
-    page = str(parser.renderer.render(tokens, parser.options, {}))
-    numbers = count(1)
-    page = re.sub("<table>", lambda _: _WIDE.format(next(numbers)), page)
-    page = page.replace("</table>", "</table></div>").replace("<th>", '<th scope="col">')
-    return page.replace("<pre>", '<pre tabindex="0">')
-
-
-def _name_headings(tokens: Sequence[Token]) -> None:
-    """Give each heading an anchor as GitHub does, so that links hold in both places."""
-    seen: dict[str, int] = {}
-    for opening, inline in pairwise(tokens):
-        if opening.type == "heading_open":
-            anchor = heading_anchor(inline.content)
-            seen[anchor] = seen.get(anchor, -1) + 1
-            opening.attrSet("id", anchor if not seen[anchor] else f"{anchor}-{seen[anchor]}")
-
-
-def heading_anchor(heading: str) -> str:
-    """Return the anchor of a heading: lower case, hyphens for spaces, without punctuation."""
-    return re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
-
-
-def _site_address(target: str) -> str:
-    """Return an address of the Markdown as one of the site: a page of the guide, or a file beside it."""
-    file, mark, anchor = target.partition("#")
-    if "://" in file or not file:
-        return target
-    if file.startswith("pictures/"):
-        return file.removeprefix("pictures/")
-    return f"{file.removesuffix('.md')}.html{mark}{anchor}" if file.endswith(".md") else target

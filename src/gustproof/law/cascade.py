@@ -6,6 +6,7 @@ Gains are angular acceleration per error, independent of the inertia. A law's ma
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,7 @@ def cascade_law(name: str, axes: Sequence[AxisLaw], vehicle: Vehicle, dt: float,
     orders = {axis.A.shape[0] for axis in axes}
     if len(axes) != 3 or len(orders) != 1:
         raise ValueError(f"{len(axes)} axes of orders {sorted(orders)}, must be three of one order")
-    matrices = {name: _assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
+    matrices: dict[str, Any] = {name: _assemble(getattr(axis, name) for axis in axes) for name in "ABCDGH"}
     return Law(
         name=name, **matrices, dt=dt, limits=np.array(vehicle.torque_limit), output=Output.TORQUE,
         provenance=provenance, rate_limit=_join_limits([axis.rate_limit for axis in axes if axis.rate_limit]),

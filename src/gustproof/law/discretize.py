@@ -1,15 +1,22 @@
 """Discretisation of continuous controllers: the law form of `gustproof.law.form`."""
 
+import math
+
 import numpy as np
 
-from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit
+from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit, Schedule
 from gustproof.lti.bilinear import tustin
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
+from gustproof.model.lft import Uncertain
+from gustproof.model.uncertainty import RealBlock
+
+TANGENTS = {"t": "phi", "v": "theta"}
+"""Angle by the name of the tangent of its half, as in `gustproof.model.rotational`."""
 
 
 def central_law(
     name: str,
-    K: LinearSystem,
+    K: LinearSystem | Uncertain,
     *,
     scheduled: bool,
     dt: float,
@@ -23,6 +30,9 @@ def central_law(
     With `scheduled`, the estimate's kinematics `E' = omega` become `E' = T(E) omega`. At level attitude the law equals
     the linear one exactly.
 
+    A `K` with the parameters t, v, p, q, r of `gustproof.model.rotational` keeps them as a schedule. It may be closed
+    by constant parameters before or after sampling: the law is the same.
+
     `H` is 0. Measurements alone drive a central controller, so a stable one (all shipped ones are) cannot wind up. Its
     estimate expects a worst-case disturbance that only the full command opposes. Feeding back the saturated command
     was tried: it spoils the attitude estimate two to twenty times as much.
@@ -33,7 +43,8 @@ def central_law(
         Name of the law.
     K
         Continuous central controller of order n, as `hinfsyn` returns it; 3 inputs (gyro) or 6 (gyro, reference), and 2
-        more for measured roll and pitch; 3 outputs. Its states begin with Euler angles and body rates.
+        more for measured roll and pitch; 3 outputs. Its states begin with Euler angles and body rates. Or such a system
+        of real parameters.
     scheduled
         True for exact kinematics of the estimate.
     dt
@@ -50,7 +61,7 @@ def central_law(
     Raises
     ------
     ValueError
-        If `K` is discrete.
+        If `K` is discrete, or a parameter is not one of a schedule.
     DesignError
         If `K` has a pole at 2/dt.
 
@@ -67,7 +78,9 @@ def central_law(
     >>> law.order
     6
     """
-    K = as_continuous("K", K)
+    parameters = _parameters(K) if isinstance(K, Uncertain) else []
+    whole = as_continuous("K", K.M if isinstance(K, Uncertain) else K)
+    K, k = whole.subsystem(slice(len(parameters), None), slice(len(parameters), None)), len(parameters)
     n, measured = K.order, K.n_inputs
     # an input of its own for the attitude rows; its sampled input matrix is G
     entries = np.hstack([K.B, np.eye(n, 3)])
@@ -88,6 +101,35 @@ def central_law(
         output=output,
         provenance=provenance,
         rate_limit=None if rate_limits is None else _rate_limit(K, dt, rate_limits),
+        schedule=_schedule(tustin(whole, dt), parameters) if k else None,
+    )
+
+
+def _parameters(K: Uncertain) -> list[tuple[str, float]]:
+    """Return parameter and limit for each channel of Delta, as a schedule has them."""
+    found: list[tuple[str, float]] = []
+    for block in K.blocks:
+        if not (isinstance(block, RealBlock) and block.name in (*TANGENTS, "p", "q", "r")):
+            raise ValueError(f"block '{block.name}': a schedule takes the real parameters t, v, p, q, r alone")
+        if not (block.low == -block.high and block.nominal == 0.0):
+            raise ValueError(f"block '{block.name}': is {block.low:g} to {block.high:g}, must be symmetric about 0")
+        angle = TANGENTS.get(block.name)
+        entry = (angle, 2.0 * math.atan(block.high)) if angle else (block.name, block.high)
+        found += [entry] * block.repeats
+    return found
+
+
+def _schedule(sampled: Lti, parameters: list[tuple[str, float]]) -> Schedule:
+    """Return the schedule of a sampled controller whose first channels are those of Delta."""
+    k = len(parameters)
+    return Schedule(
+        parameters=tuple(name for name, _ in parameters),
+        limits=np.array([limit for _, limit in parameters]),
+        J=sampled.C[:k],
+        K=_measurement_columns(sampled.D[:k, k:]),
+        L=sampled.D[:k, :k],
+        P=sampled.D[k:, :k],
+        Q=sampled.B[:, :k],
     )
 
 

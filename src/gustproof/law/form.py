@@ -1,8 +1,9 @@
 """The one form of every flying law, and its file.
 
     s  = S x + T y,      e = W(E) clip(s) - s,
-    u  = C x + D y + U e,      command = clip(u),
-    x+ = A x + B y + G f(x) + H (command - u) + V e,
+    w  = Delta (J x + K y + L w),
+    u  = C x + D y + U e + P w,      command = clip(u),
+    x+ = A x + B y + G f(x) + H (command - u) + V e + Q w,
 
 with `y` = (gyro p, q, r [rad/s]; reference phi, theta, psi [rad]; roll, pitch [rad] by gravity). `f(x) = T(E) omega`
 are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and `omega = x[3:6]` [rad/s]. With `G = 0`
@@ -11,11 +12,14 @@ H-infinity and self-scheduled laws differ in these numbers only, so a comparison
 
 `s` [rad/s] is the rate commanded from attitude; see `RateLimit`. Where it is within its limit, `e` is exactly 0 and the
 law is that of A to H alone. A law may have no such limit: then S, T, U and V are absent.
+
+`w` schedules a law on its own attitude and the measured rates, see `Schedule`. Delta is 0 at level rest, so that linear
+analysis at hover is again that of A to H alone. A law may have no schedule: then J, K, L, P and Q are absent.
 """
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from numbers import Real
 from pathlib import Path
@@ -36,6 +40,9 @@ GYRO_REFERENCE_SIZE, LEVELLED_SIZE = 6, 8
 """Columns of B and D: gyro and reference; these with roll and pitch by gravity."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
 _RATE_MATRICES = ("S", "T", "U", "V")
+SCHEDULE_MATRICES = ("J", "K", "L", "P", "Q")
+ANGLES, BODY_RATES = ("phi", "theta"), ("p", "q", "r")
+"""Parameters of a schedule: estimated angles [rad], measured rates [rad/s] B."""
 
 Matrix = NDArray[np.float64]
 
@@ -120,14 +127,61 @@ class RateLimit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Schedule:
+    """Dependence of a law on k parameters, a linear fractional transformation with them as Delta.
+
+    `Delta = diag(delta)`. Of an angle `delta = tan(angle / 2) / tan(limit / 2)`, of a rate `rate / limit`. The Euler
+    kinematics are rational in these tangents. A parameter beyond its limit counts as at it, so that |delta| <= 1.
+
+    Angles are the law's own estimates `E` before the sample, rates the gyro's at the sample. Both hold over it: for
+    parameters at rest the law is the trapezoidal rule's image of the continuous one.
+
+    With |L| < 1 the equation of `w` has one solution for every Delta. Elimination finds it without pivots: the
+    symmetric part of `I - Delta L` is positive definite, and so is that of what remains at each step.
+
+    References
+    ----------
+    A. Packard, Gain scheduling via linear fractional transformations, Systems & Control Letters 22 (1994), 79-92.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dataclasses import replace
+    >>> from gustproof import Schedule, load_law
+    >>> law, one = load_law("hinf-d1"), np.zeros((1, 1))
+    >>> stiffer = Schedule(
+    ...     parameters=("p",), limits=np.ones(1), J=np.zeros((1, 9)), K=np.eye(1, 6), L=one, P=-np.eye(3, 1),
+    ...     Q=np.zeros((9, 1)),
+    ... )
+    >>> replace(law, schedule=stiffer).schedule.parameters
+    ('p',)
+    """
+
+    parameters: tuple[str, ...]
+    """(k,) parameter of each row: phi, theta, p, q or r."""
+    limits: Matrix
+    """(k,) [rad or rad/s] largest magnitude of each."""
+    J: Matrix
+    """(k, n) state to the input of Delta."""
+    K: Matrix
+    """(k, 6 or 8) measurements and reference to the input of Delta, as many columns as B."""
+    L: Matrix
+    """(k, k) output of Delta to its input; its largest singular value is below 1."""
+    P: Matrix
+    """(3, k) output of Delta to command."""
+    Q: Matrix
+    """(n, k) output of Delta to next state."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Law:
     """A discrete law of n states; matrices are checked on construction, then read-only.
 
     Raises
     ------
     ValueError
-        If the name is not allowed in a file name, a shape does not fit, a number is not finite, or a limit or `dt` is
-        not positive.
+        If the name is not allowed in a file name, a shape does not fit, or a number is not finite. Limits and `dt` must
+        be positive.
 
     Examples
     --------
@@ -163,6 +217,8 @@ class Law:
     """Origin of the law."""
     rate_limit: RateLimit | None = None
     """Limit of the rate commanded from attitude; `None` for a law without it."""
+    schedule: Schedule | None = None
+    """Dependence on attitude and rates; `None` for a law without it."""
 
     def __post_init__(self) -> None:
         """Check name, shapes and values; set the arrays read-only."""
@@ -181,8 +237,8 @@ class Law:
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
         if np.any(self.G) and n < 6:
             raise ValueError(f"G is not 0 but A has order {n}; attitude and rates need x[0:6]")
-        if self.rate_limit is not None:
-            object.__setattr__(self, "rate_limit", _checked(self.rate_limit, n, m))
+        object.__setattr__(self, "rate_limit", self.rate_limit and _checked(self.rate_limit, n, m))
+        object.__setattr__(self, "schedule", self.schedule and _checked_schedule(self.schedule, n, m))
 
     @property
     def order(self) -> int:
@@ -208,8 +264,8 @@ class Law:
 
     @property
     def is_scheduled(self) -> bool:
-        """True if the law carries the exact kinematics of its own attitude estimate."""
-        return bool(np.any(self.G))
+        """True if the law turns by its own attitude estimate: it has exact kinematics of it, or a schedule."""
+        return bool(np.any(self.G)) or self.schedule is not None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as JSON for `parse_law`; every number is kept to the bit."""
@@ -220,7 +276,8 @@ class Law:
             "dt": self.dt,
             "limits": self.limits.tolist(),
             **{name: getattr(self, name).tolist() for name in _MATRICES},
-            **({} if self.rate_limit is None else {"rate_limit": _to_lists(self.rate_limit)}),
+            **({} if self.rate_limit is None else {"rate_limit": _to_lists(self.rate_limit, _RATE_MATRICES)}),
+            **({} if self.schedule is None else {"schedule": _schedule_to_dict(self.schedule)}),
             "provenance": {
                 "design": self.provenance.design,
                 "vehicle": self.provenance.vehicle,
@@ -298,8 +355,12 @@ def list_laws() -> tuple[str, ...]:
     return list_shipped(LAWS, ".json")
 
 
-def _to_lists(rate_limit: RateLimit) -> dict[str, Any]:
-    return {name: getattr(rate_limit, name).tolist() for name in ("limits", *_RATE_MATRICES)}
+def _to_lists(part: RateLimit | Schedule, matrices: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(part, name).tolist() for name in ("limits", *matrices)}
+
+
+def _schedule_to_dict(schedule: Schedule) -> dict[str, Any]:
+    return {"parameters": list(schedule.parameters), **_to_lists(schedule, SCHEDULE_MATRICES)}
 
 
 def _checked(rate_limit: RateLimit, n: int, m: int) -> RateLimit:
@@ -313,21 +374,48 @@ def _checked(rate_limit: RateLimit, n: int, m: int) -> RateLimit:
     return RateLimit(**copies)
 
 
-def _parse_rate_limit(document: Any) -> RateLimit:
-    keys = {"limits", *_RATE_MATRICES}
+def _checked_schedule(schedule: Schedule, n: int, m: int) -> Schedule:
+    """Return the schedule with read-only arrays of the law's shapes; `n` states, `m` measurements."""
+    names = schedule.parameters
+    if not isinstance(names, list | tuple) or not names or any(name not in (*ANGLES, *BODY_RATES) for name in names):
+        raise ValueError(f"schedule.parameters: are {names!r}, must be of {', '.join((*ANGLES, *BODY_RATES))}")
+    k = len(names)
+    shapes = {"limits": (k,), "J": (k, n), "K": (k, m), "L": (k, k), "P": (3, k), "Q": (n, k)}
+    copies = {name: readonly_copy(f"schedule.{name}", getattr(schedule, name), shapes[name]) for name in shapes}
+    for name, limit in zip(names, copies["limits"].tolist(), strict=True):
+        most = math.pi if name in ANGLES else math.inf
+        if not 0.0 < limit < most:
+            raise ValueError(f"schedule.limits: {name} up to {limit:g}, must be above 0 and below {most:.4g}")
+    if n < 6:
+        raise ValueError(f"schedule: A has order {n}; attitude and rates need x[0:6]")
+    if not (size := float(np.linalg.norm(copies["L"], 2))) < 1.0:
+        raise ValueError(f"schedule.L has the largest singular value {size:.6g}, must be below 1")
+    return Schedule(parameters=tuple(names), **copies)
+
+
+def _parse_part(name: str, kind: type[Any], document: Any) -> Any:
+    """Return the optional part of a law, `RateLimit` or `Schedule`, in an object of all its keys."""
+    keys = {key.name for key in fields(kind)}
     if not isinstance(document, dict) or set(document) != keys:
-        raise ValueError(f"rate_limit: must be an object of {', '.join(sorted(keys))}")
-    return RateLimit(**document)
+        raise ValueError(f"{name}: must be an object of {', '.join(sorted(keys))}")
+    return kind(**document)
 
 
-def _parse_law(document: Any) -> Law:
+_OPTIONAL = {"rate_limit": RateLimit, "schedule": Schedule}
+
+
+def _check_keys(document: Any) -> None:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"format: must be '{FORMAT}'")
     keys = {"format", "name", "output", "dt", "limits", "provenance", *_MATRICES}
-    if unknown := sorted(set(document) - keys - {"rate_limit"}):
+    if unknown := sorted(set(document) - keys - set(_OPTIONAL)):
         raise ValueError(f"{unknown[0]}: unknown key")
     if missing := sorted(keys - set(document)):
         raise ValueError(f"{missing[0]}: missing")
+
+
+def _parse_law(document: Any) -> Law:
+    _check_keys(document)
     provenance = document["provenance"]
     if not isinstance(provenance, dict):
         raise ValueError("provenance: must be an object")
@@ -345,7 +433,7 @@ def _parse_law(document: Any) -> Law:
         limits=document["limits"],
         output=Output(document["output"]),
         provenance=Provenance(**provenance),
-        rate_limit=_parse_rate_limit(document["rate_limit"]) if "rate_limit" in document else None,
+        **{key: _parse_part(key, kind, document[key]) for key, kind in _OPTIONAL.items() if key in document},
     )
 
 
@@ -357,10 +445,10 @@ def _format_document(document: dict[str, Any]) -> str:
 def _format_object(document: dict[str, Any], margin: str) -> str:
     lines = []
     for key, value in document.items():
-        if key in (*_MATRICES, *_RATE_MATRICES):
+        if key in (*_MATRICES, *_RATE_MATRICES, *SCHEDULE_MATRICES):
             rows = f",\n{margin}    ".join(json.dumps(row) for row in value)
             text = f"[\n{margin}    {rows}\n{margin}  ]"
         else:
-            text = _format_object(value, "  ") if key == "rate_limit" else json.dumps(value, ensure_ascii=False)
+            text = _format_object(value, "  ") if key in _OPTIONAL else json.dumps(value, ensure_ascii=False)
         lines.append(f'{margin}  "{key}": {text}')
     return "{\n" + ",\n".join(lines) + f"\n{margin}}}"

@@ -49,14 +49,15 @@ def resample(law: Law, rate: float) -> Law:
     own = 1.0 / law.dt
     if abs(rate - own) < _TOLERANCE * own:
         return law
-    moved = _resample_strapdown(law, 1.0 / rate) if _is_strapdown(law) else _resample_whole(law, 1.0 / rate)
+    strapdown = law.schedule is None and _is_strapdown(law)
+    moved = _resample_strapdown(law, 1.0 / rate) if strapdown else _resample_whole(law, 1.0 / rate)
     design = f"{law.provenance.design}; resampled from {own:g} Hz by Tustin's rule"
     return replace(
         moved, name=f"{law.name}-{rate:g}hz".replace(".", "_"), provenance=replace(law.provenance, design=design)
     )
 
 
-def _continuous(K: Lti) -> Lti:
+def continuous_origin(K: Lti) -> Lti:
     """Return the continuous controller that `tustin` maps to `K`, with its states."""
     n, dt = K.order, float(K.dt or 0.0)
     M = 0.5 * (K.A + np.eye(n))
@@ -71,21 +72,30 @@ def _continuous(K: Lti) -> Lti:
 def _resample_whole(law: Law, dt: float) -> Law:
     """Return a law without strapdown; its rate commanded from attitude is of the states, so it stays."""
     n, m, none = law.order, law.D.shape[1], np.zeros((3, 3))
-    limit = law.rate_limit
+    limit, turn = law.rate_limit, law.schedule
+    k = 0 if turn is None else len(turn.parameters)
+    P, Q, rows = none[:, :0], np.zeros((n, 0)), np.zeros((0, n + m + k))
+    if turn is not None:
+        P, Q, rows = turn.P, turn.Q, np.hstack([turn.J, turn.K, turn.L])
+    J, K, L = np.split(rows, [n, n + m], axis=1)
     U, V = (none, np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
     rates = np.eye(3, n, 3)
     sampled = Lti(
         A=law.A + law.G @ rates,
-        B=np.hstack([law.B, law.G, V, law.H]),
-        C=law.C,
-        D=np.hstack([law.D, none, U, none]),
+        B=np.hstack([law.B, law.G, V, law.H, Q]),
+        C=np.vstack([law.C, J]),
+        D=np.block([[law.D, none, U, none, P], [K, np.zeros((k, 9)), L]]),
         dt=law.dt,
     )
-    moved = tustin(_continuous(sampled), dt)
-    B, G, V, H = np.split(moved.B, [m, m + 3, m + 6], axis=1)
-    limit = None if limit is None else replace(limit, U=moved.D[:, m + 3 : m + 6], V=V)
+    moved = tustin(continuous_origin(sampled), dt)
+    B, G, V, H, Q = np.split(moved.B, [m, m + 3, m + 6, m + 9], axis=1)
+    limit = None if limit is None else replace(limit, U=moved.D[:3, m + 3 : m + 6], V=V)
+    if turn is not None:
+        K, L, P = moved.D[3:, :m], moved.D[3:, m + 9 :], moved.D[:3, m + 9 :]
+        turn = replace(turn, J=moved.C[3:], K=K, L=L, P=P, Q=Q)
     G, H = _kept_zero(G, law.G), _kept_zero(H, law.H)
-    return replace(law, A=moved.A - G @ rates, B=B, C=moved.C, D=moved.D[:, :m], G=G, H=H, dt=dt, rate_limit=limit)
+    law = replace(law, A=moved.A - G @ rates, B=B, C=moved.C[:3], D=moved.D[:3, :m], G=G, H=H, dt=dt, rate_limit=limit)
+    return replace(law, schedule=turn)
 
 
 def _kept_zero(moved: Matrix, own: Matrix) -> Matrix:
@@ -132,7 +142,7 @@ def _resample_strapdown(law: Law, dt: float) -> Law:
     excess = np.vstack([np.hstack([limit.V[6:], law.H[6:]]), np.hstack([limit.U, np.zeros((3, 3))]), np.zeros((3, 6))])
     columns, order = np.hstack([attitude, inputs, excess]), n - 6
     rest = Lti(A=states[:order, _REST], B=columns[:order], C=states[order:, _REST], D=columns[order:], dt=law.dt)
-    moved = tustin(_continuous(rest), dt)
+    moved = tustin(continuous_origin(rest), dt)
     columns = np.vstack([moved.B, moved.D])
     attitude, inputs, V, H = np.split(columns, [3, 9, 12], axis=1)
     states = np.hstack([attitude, 0.5 * dt * attitude, np.vstack([moved.A, moved.C])])

@@ -1,10 +1,10 @@
 """The compiled step of a law, as sparse sums: most coefficients of most laws are 0.
 
 One vector holds all summands of a step. They are states, measurements and references, Euler rates of the law's own
-estimates, saturation excess, and excess of the rate commanded from attitude. The sums are the three rates of a law that
-limits them, the three commands, and the next states. On every route each sum takes its terms in the order of that
-vector, and leaves out those whose coefficient is 0. So a limit that is not reached adds 0 at the end of a sum and
-changes no bit.
+estimates, saturation excess, excess of the rate commanded from attitude, and outputs of a schedule. The sums are the
+inputs of a schedule, the three rates of a law that limits them, the three commands, and the next states. On every route
+each sum takes its terms in the order of that vector, and leaves out those whose coefficient is 0. So a limit that is
+not reached adds 0 at the end of a sum and changes no bit.
 """
 
 import math
@@ -17,13 +17,16 @@ from firmware_model.numerics.compiled import compiled, find_cache, kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.physics.sensors import float32
 from firmware_model.types import Vector
-from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Matrix, RateLimit
+from gustproof.law.form import ANGLES, BODY_RATES, GYRO_REFERENCE_SIZE, Law, Matrix, RateLimit, Schedule
 
 MEASURED_SIZE = 9
 """Numbers of a sample after the states: gyro, reference, specific force."""
 FORCE, RATES, SATURATION, RATE_EXCESS, ZERO, EXTRA_SIZE = 6, 9, 12, 15, 18, 19
 """Offsets after the states of specific force, Euler rates, saturation excess, excess of the commanded rate, and a 0;
-count of the numbers after the states. A law that reads the accelerometer has roll and pitch in place of the force."""
+count of the numbers after the states. A law that reads the accelerometer has roll and pitch in place of the force. Of a
+law with a schedule its k outputs follow, and (k, k) numbers of work space."""
+_OFFSET, _LIMIT, _FACTOR, SCHEDULE_SIZE = 0, 1, 2, 3
+"""Columns of `SparseLaw.schedule` before L: offset of the parameter in the vector, its limit, factor to [-1, 1]."""
 _NONE: Matrix = np.zeros((0, 0))
 TERM_BLOCK = 4
 """Each sum has a multiple of this many terms, so that four are added at once."""
@@ -33,7 +36,8 @@ class SparseLaw(NamedTuple):
     """Nonzero terms of a law."""
 
     ends: NDArray[np.int64]
-    """(3 or 6 + n,) end of the terms of each limited rate, if there are such, each command and each next state."""
+    """(k + 3 or 6 + n,) end of the terms of each input of a schedule, each limited rate, if there are such, each
+    command and each next state."""
     terms: Matrix
     """(m, 2) offset in the vector, coefficient; sums are padded with 0 times the vector's 0."""
     is_scheduled: bool
@@ -46,22 +50,27 @@ class SparseLaw(NamedTuple):
     """(3,) [rad/s] largest rates commanded from attitude; unused without sums for them."""
     attitude_limits: Matrix
     """(3,) [rad] attitude estimates that ask for these rates."""
+    schedule: Matrix
+    """(k, SCHEDULE_SIZE + k) parameters of a schedule, and its L; k is 0 without one."""
 
 
 def sparse_law(law: Law) -> SparseLaw:
     """Return the terms of a law whose coefficient is not 0, padded to blocks of `TERM_BLOCK`."""
-    n, first = law.order, 0 if law.rate_limit is None else 3
     own = law.rate_limit or RateLimit(S=_NONE, T=_NONE, U=_NONE, V=_NONE, limits=np.full(3, np.inf))
-    whole = np.zeros((first + 3 + n, n + EXTRA_SIZE))
+    turn = law.schedule or Schedule(parameters=(), limits=_NONE, J=_NONE, K=_NONE, L=_NONE, P=_NONE, Q=_NONE)
+    n, k = law.order, len(turn.parameters)
+    first = k + 3 * (law.rate_limit is not None)
+    whole = np.zeros((first + 3 + n, n + EXTRA_SIZE + k))
     columns = (
-        (0, (own.S, law.C, law.A)),
-        (n, (own.T, law.D, law.B)),
-        (n + RATES, (_NONE, _NONE, law.G)),
-        (n + SATURATION, (_NONE, _NONE, law.H)),
-        (n + RATE_EXCESS, (_NONE, own.U, own.V)),
+        (0, (turn.J, own.S, law.C, law.A)),
+        (n, (turn.K, own.T, law.D, law.B)),
+        (n + RATES, (_NONE, _NONE, _NONE, law.G)),
+        (n + SATURATION, (_NONE, _NONE, _NONE, law.H)),
+        (n + RATE_EXCESS, (_NONE, _NONE, own.U, own.V)),
+        (n + EXTRA_SIZE, (_NONE, _NONE, turn.P, turn.Q)),
     )
     for column, parts in columns:
-        for top, part in zip((0, first, first + 3), parts, strict=True):
+        for top, part in zip((0, k, first, first + 3), parts, strict=True):
             whole[top : top + part.shape[0], column : column + part.shape[1]] = part
     filled = []
     for row in whole:
@@ -71,14 +80,40 @@ def sparse_law(law: Law) -> SparseLaw:
     every = np.array([term for terms in filled for term in terms])
     # Copied, as a law's own are read-only and the default is not: kernels would be compiled for each of the two.
     rates = own.limits.copy()
-    return SparseLaw(ends, every, law.is_scheduled, law.uses_accelerometer, law.limits, rates, law.attitude_limits)
+    kind = bool(np.any(law.G)), law.uses_accelerometer
+    return SparseLaw(ends, every, *kind, law.limits, rates, law.attitude_limits, _rows_of_schedule(turn, n))
+
+
+def _rows_of_schedule(schedule: Schedule, n: int) -> Matrix:
+    """Return `SparseLaw.schedule` of a law of `n` states."""
+    offsets = dict(zip((*ANGLES, *BODY_RATES), (0, 1, n, n + 1, n + 2), strict=True))
+    rows = np.zeros((len(schedule.parameters), SCHEDULE_SIZE + len(schedule.parameters)))
+    for row, name, limit in zip(rows, schedule.parameters, schedule.limits.tolist(), strict=False):
+        row[:SCHEDULE_SIZE] = offsets[name], limit, schedule_factor(name, limit)
+    rows[:, SCHEDULE_SIZE:] = schedule.L
+    return rows
+
+
+def schedule_factor(name: str, limit: float) -> float:
+    """Return the factor from a rate, or the tangent of half an angle, to its share of that at `limit`."""
+    if name not in ANGLES:
+        return 1.0 / limit
+    sine, cosine = sin_cos(limit)
+    return (1.0 + cosine) / sine
+
+
+def vector_size(law: SparseLaw, order: int) -> int:
+    """Return the length of the vector that a step of a law of `order` states sums, with its work space."""
+    k = len(law.schedule)
+    return order + EXTRA_SIZE + k * (k + 1)
 
 
 def no_law() -> SparseLaw:
     """Return the terms of no law, of the types of a law's."""
     unused = np.full(3, np.inf)
     unused.flags.writeable = False
-    return SparseLaw(np.zeros(3, dtype=np.int64), np.zeros((1, 2)), False, False, unused, unused.copy(), unused)
+    ends, schedule = np.zeros(3, dtype=np.int64), np.zeros((0, SCHEDULE_SIZE))
+    return SparseLaw(ends, np.zeros((1, 2)), False, False, unused, unused.copy(), unused, schedule)
 
 
 @kernel
@@ -133,17 +168,58 @@ def rate_excess(rates: Any, attitude: Any, limits: Any, attitude_limits: Any) ->
 
 
 @kernel
+def share_of_limit(value: float, limit: float, factor: float, is_angle: bool) -> float:
+    """Return delta [-] of a scheduling parameter, see `gustproof.law.form.Schedule`."""
+    within = min(max(value, -limit), limit)
+    if is_angle:
+        sine, cosine = sin_cos(within)
+        within = sine / (1.0 + cosine)
+    return within * factor
+
+
+@kernel
+def _schedule(law: SparseLaw, z: Matrix, n: int) -> int:
+    """Write the outputs of the schedule; return the end of the terms of its inputs.
+
+    `(I - Delta L) w = Delta (J x + K y)` by elimination without pivots, see `gustproof.law.form.Schedule`.
+    """
+    rows, begin = law.schedule, 0
+    k = rows.shape[0]
+    w = z[n + EXTRA_SIZE : n + EXTRA_SIZE + k]
+    m = z[n + EXTRA_SIZE + k : n + EXTRA_SIZE + k + k * k]
+    for i in range(k):
+        at = int(rows[i, _OFFSET])
+        delta = share_of_limit(z[at], rows[i, _LIMIT], rows[i, _FACTOR], at < n)
+        w[i] = delta * _sum(law.terms, begin, law.ends[i], z)
+        begin = law.ends[i]
+        for j in range(k):
+            m[i * k + j] = (1.0 if i == j else 0.0) - delta * rows[i, SCHEDULE_SIZE + j]
+    for c in range(k):
+        for i in range(c + 1, k):
+            share = m[i * k + c] / m[c * k + c]
+            for j in range(c + 1, k):
+                m[i * k + j] -= share * m[c * k + j]
+            w[i] -= share * w[c]
+    for i in range(k - 1, -1, -1):
+        for j in range(i + 1, k):
+            w[i] -= m[i * k + j] * w[j]
+        w[i] /= m[i * k + i]
+    return int(begin)
+
+
+@kernel
 def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
-    """Write the command for the vector `z` (n + EXTRA_SIZE,) and advance its states by a sample; `work` is (n,)."""
-    n, begin, k = work.size, 0, 0
+    """Write the command for the vector `z`, see `vector_size`, and advance its states by a sample; `work` is (n,)."""
+    n, k = work.size, law.schedule.shape[0]
     if law.is_levelled:
         force = (z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2])
         z[n + FORCE], z[n + FORCE + 1] = tilt(force, (z[0], z[1]))
-    if law.ends.size > 3 + n:
+    begin = _schedule(law, z, n)
+    if law.ends.size > k + 3 + n:
         for i in range(3):
-            z[n + RATE_EXCESS + i] = _sum(law.terms, begin, law.ends[i], z)
-            begin = law.ends[i]
-        k = 3
+            z[n + RATE_EXCESS + i] = _sum(law.terms, begin, law.ends[k + i], z)
+            begin = law.ends[k + i]
+        k += 3
         rates = (z[n + RATE_EXCESS], z[n + RATE_EXCESS + 1], z[n + RATE_EXCESS + 2])
         excess = rate_excess(rates, (z[0], z[1]), law.rate_limits, law.attitude_limits)
         z[n + RATE_EXCESS], z[n + RATE_EXCESS + 1], z[n + RATE_EXCESS + 2] = excess
@@ -187,9 +263,10 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     expected = MEASURED_SIZE if law.uses_accelerometer else GYRO_REFERENCE_SIZE
     if y.shape not in ((expected,), (MEASURED_SIZE,)):
         raise ValueError(f"y has shape {y.shape}, must be {(expected,)}")
-    z, command = np.zeros(law.order + EXTRA_SIZE), np.empty(3)
+    terms = sparse_law(law)
+    z, command = np.zeros(vector_size(terms, law.order)), np.empty(3)
     z[: law.order], z[law.order : law.order + y.size] = x, y
-    _step(sparse_law(law), z, command, np.empty(law.order))
+    _step(terms, z, command, np.empty(law.order))
     return z[: law.order], command
 
 
@@ -216,10 +293,13 @@ class LawStepper:
 
     def __init__(self, law: Law, scale: Vector) -> None:
         n, summed = law.order, sparse_law(law)
-        self._ends, self._terms = summed.ends, summed.terms
-        self._kind = summed.is_scheduled + 2 * summed.is_levelled
-        self._memory = np.concatenate([np.zeros(2 * n + EXTRA_SIZE + 3), *summed[4:], scale])
-        self._order = n
+        rows = summed.schedule
+        # a schedule of k parameters has k (k + 3) numbers, an even count
+        self._ends, self._terms = summed.ends, np.vstack([summed.terms, rows.reshape(-1, 2)])
+        self._kind = summed.is_scheduled + 2 * summed.is_levelled + 4 * len(rows)
+        limits = summed.limits, summed.rate_limits, summed.attitude_limits
+        self._memory = np.concatenate([np.zeros(vector_size(summed, n) + n + 3), *limits, scale])
+        self._order, self._estimates = n, law.is_scheduled
 
     def restart(self, attitude: Vector | None = None) -> None:
         """Return to the initial state; the reference stays.
@@ -227,7 +307,7 @@ class LawStepper:
         With `attitude`, a law that carries an attitude estimate starts at this roll and pitch [rad], heading 0.
         """
         self._memory[: self._order] = 0.0
-        if attitude is not None and self._kind % 2 == 1:
+        if attitude is not None and self._estimates:
             self._memory[:2] = attitude[:2]
 
     def correct(self, attitude: Vector, share: float, most: float) -> None:
@@ -235,7 +315,7 @@ class LawStepper:
 
         Each distance is taken as `most` [rad] at most; the heading's is the shorter way round.
         """
-        if self._kind % 2 == 1:
+        if self._estimates:
             for axis, angle in enumerate(attitude):
                 away = angle - self._memory[axis]
                 away -= 2.0 * math.pi * round(away / (2.0 * math.pi))
@@ -254,12 +334,15 @@ class LawStepper:
 @compiled
 def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
          force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
-    n = (memory.size - EXTRA_SIZE - 15) // 2
-    end = n + EXTRA_SIZE
+    k = kind // 4
+    n = (memory.size - EXTRA_SIZE - k * (k + 1) - 15) // 2
+    end = n + EXTRA_SIZE + k * (k + 1)
     z, work, command, rest = memory[:end], memory[end : end + n], memory[end + n : end + n + 3], memory[end + n + 3 :]
     limits, rate_limits, attitude_limits, scale = rest[:3], rest[3:6], rest[6:9], rest[9:]
     z[n], z[n + 1], z[n + 2] = p, q, r
     z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2] = force_x, force_y, force_z
-    law = SparseLaw(ends, terms, kind % 2 == 1, kind >= 2, limits, rate_limits, attitude_limits)
+    schedule = terms[terms.shape[0] - k * (k + SCHEDULE_SIZE) // 2 :].reshape(k, k + SCHEDULE_SIZE)
+    is_levelled = kind % 4 >= 2
+    law = SparseLaw(ends, terms, kind % 2 == 1, is_levelled, limits, rate_limits, attitude_limits, schedule)
     law_kernel(law, z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

@@ -24,9 +24,10 @@ def follow_journal(
 
     A record is a sample of `sample_us` [us].
     """
-    while not path.exists():
-        if done.wait(_POLL_S):
-            return
+    while not (path.exists() or done.wait(_POLL_S)):
+        pass
+    if not path.exists():
+        return
     with path.open("rb") as file:
         groups = _GroupReader(file, every)
         ended = False

@@ -2,9 +2,11 @@
 
     GET  /TOKEN/           page, script, style
     GET  /TOKEN/events     updates, as server-sent events
+    GET  /TOKEN/report     report on the flights so far, once one is over
     POST /TOKEN/start      JSON true
     POST /TOKEN/pause      JSON true or false
     POST /TOKEN/gust       JSON number
+    POST /TOKEN/law        JSON number, of the law that flies next
 
 The token keeps out other users of this machine. The Host check stops DNS rebinding, the Origin check pages from
 elsewhere.
@@ -41,19 +43,28 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 
+_OWN_SCRIPTS = _HEADERS["Content-Security-Policy"].replace("'self'", "'unsafe-inline'").replace("data:", "data: blob:")
+"""Policy of a page that brings its scripts and connects to nothing."""
+
 
 class PageServer(ThreadingHTTPServer):
     """Server of the page of a buffer, in threads of its own; a context manager that sends the last update at its end.
 
-    `handlers` are called by name with the values that the page sends, and raise `ValueError` at bad ones.
+    `handlers` are called by name with the values that the page sends, and raise `ValueError` at bad ones. `pages`
+    return further pages by name, empty if there is none yet.
     """
 
     daemon_threads = True
     allow_reuse_address = False
 
-    def __init__(self, buffer: TelemetryBuffer, handlers: Mapping[str, Callable[[Any], None]]) -> None:
+    def __init__(
+        self,
+        buffer: TelemetryBuffer,
+        handlers: Mapping[str, Callable[[Any], None]],
+        pages: Mapping[str, Callable[[], str]] | None = None,
+    ) -> None:
         super().__init__((LOOPBACK, 0), _Handler)
-        self.buffer, self.handlers = buffer, handlers
+        self.buffer, self.handlers, self.pages = buffer, handlers, pages or {}
         self.token = secrets.token_urlsafe(24)
         self.closing = Event()
         self.readers: set[Event] = set()
@@ -94,6 +105,8 @@ class _Handler(BaseHTTPRequestHandler):
             file, kind = _FILES[name]
             body = resources.files("gustproof.live").joinpath("assets", file).read_bytes()
             self._answer(HTTPStatus.OK, body, f"{kind}; charset=utf-8")
+        elif name is not None and name in self.server.pages and (text := self.server.pages[name]()):
+            self._answer(HTTPStatus.OK, text.encode(), "text/html; charset=utf-8", _OWN_SCRIPTS)
         elif name is not None:
             self._answer(HTTPStatus.NOT_FOUND)
 
@@ -130,10 +143,17 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         return name
 
-    def _answer(self, status: HTTPStatus, body: bytes = b"", kind: str = "text/plain; charset=utf-8") -> None:
+    def _answer(
+        self,
+        status: HTTPStatus,
+        body: bytes = b"",
+        kind: str = "text/plain; charset=utf-8",
+        policy: str = _HEADERS["Content-Security-Policy"],
+    ) -> None:
         self.close_connection = True  # an unread body must not become the next request
         self.send_response(status)
-        for name, value in {**_HEADERS, "Content-Type": kind, "Content-Length": len(body)}.items():
+        headers = {**_HEADERS, "Content-Security-Policy": policy, "Content-Type": kind, "Content-Length": len(body)}
+        for name, value in headers.items():
             self.send_header(name, str(value))
         self.send_header("Connection", "close")
         self.end_headers()

@@ -21,7 +21,16 @@ class TelemetryBuffer:
         self._rows: dict[str, list[Row]] = {name: [] for name in SERIES}
         self._dropped = dict.fromkeys(SERIES, 0)
         self._facts = facts
-        self._changes = 1
+        self._changes, self._flight = 1, 1
+
+    def restart(self, **facts: Any) -> None:
+        """Drop all rows, as another flight begins, and set facts."""
+        with self._lock:
+            for name in SERIES:
+                self._rows[name], self._dropped[name] = [], 0
+            self._facts = {**self._facts, **facts}
+            self._changes += 1
+            self._flight += 1
 
     def add(self, name: str, rows: Iterable[Row]) -> None:
         """Append rows to a series."""
@@ -53,13 +62,19 @@ class BufferReader:
     def __init__(self, buffer: TelemetryBuffer) -> None:
         self._buffer = buffer
         self._ends = dict.fromkeys(SERIES, 0)
-        self._changes = 0
+        self._changes, self._flight = 0, buffer._flight
 
     def read(self) -> dict[str, Any]:
-        """Return the changes since the last call: rows by series, and all facts under `facts` if one has changed."""
+        """Return the changes since the last call: rows by series, and all facts under `facts` if one has changed.
+
+        With the number of another flight under `flight`, rows are those of that flight alone.
+        """
         buffer = self._buffer
         update: dict[str, Any] = {}
         with buffer._lock:
+            if buffer._flight != self._flight:
+                update["flight"] = self._flight = buffer._flight
+                self._ends = dict.fromkeys(SERIES, 0)
             for name, rows in buffer._rows.items():
                 end = buffer._dropped[name] + len(rows)
                 if end > self._ends[name]:

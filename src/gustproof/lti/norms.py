@@ -159,7 +159,7 @@ def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
 def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
     if omega.size == 0:
         return best
-    gains = np.linalg.norm(G.response(omega), 2, axis=(1, 2))
+    gains = np.linalg.svd(G.response(omega), compute_uv=False)[:, 0]
     k = int(np.argmax(gains))
     return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
 

@@ -62,9 +62,8 @@ def stabilizing_solution(H: Matrix) -> Matrix:
         _, U, real, imaginary, _, _, _, info = dtrsen(
             (real < 0.0).astype(np.int32), T, U, job="N", overwrite_t=1, overwrite_q=1
         )
-    largest = np.hypot(real, imaginary).max()
     # info: no convergence, or no reordering; reordering may also have rounded an eigenvalue across the axis
-    if info or not (real[:n] < 0.0).all() or (real[n:] < 0.0).any() or np.abs(real).min() <= _AXIS_TOLERANCE * largest:
+    if info or not min(-real[:n].max(), real[n:].min()) > _AXIS_TOLERANCE * np.hypot(real, imaginary).max():
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n], U[n:, :n]
     factors, pivots, _ = dgetrf(U1.T)

@@ -16,6 +16,7 @@ from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import VEHICLES, Vehicle, load_vehicle
 from gustproof.law.form import LAWS, Law
 from gustproof.law.io.matrices import read_law
+from gustproof.law.schedule import schedule_limits
 from gustproof.report.terminal import Renderable, format_number
 from gustproof.synthesis.designs import DESIGNS, Design, load_design
 
@@ -145,6 +146,9 @@ def render_law(law: Law) -> Renderable:
     for key, value in summarize_law(law).items():
         facts.add_row(key, Text(_cell(value)))
     facts.add_row("self-scheduled", "yes" if law.is_scheduled else "no")
+    if law.schedule is not None:
+        limits = [f"{name} to {limit:.3g}" for name, limit in schedule_limits(law.schedule).items()]
+        facts.add_row("scheduled on", Text(", ".join(limits)))
     for key, value in law.provenance.parameters.items():
         facts.add_row(key, Text(format_number(value) if isinstance(value, float | bool) else str(value)))
     return Group(facts, Text(f"Margins and limits: gustproof analyse {law.name}"))

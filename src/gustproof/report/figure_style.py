@@ -1,6 +1,7 @@
-"""Look and files of figures: PNG, PDF or SVG, for the screen or for a paper's column, with the drawn numbers as CSV."""
+"""Look and files of figures: PNG, PDF, SVG or PGF, for the screen or a paper's column, with their numbers as CSV."""
 
 import csv
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from firmware_model.config.files import naming
+from firmware_model.errors import ConfigError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SUFFIXES = (".png", ".pdf", ".svg")
+SUFFIXES = (".png", ".pdf", ".svg", ".pgf")
 """Suffixes of figures."""
 _COLUMN_IN = 3.5  # width of a column in a journal of two columns
 _PAPER: Any = {
@@ -52,9 +54,15 @@ def figures_as(style: FigureStyle, *, data: bool = False, suffix: str | None = N
     """Draw all figures in `style`, and write the drawn numbers beside each as CSV if `data` is wanted.
 
     A `suffix` takes the place of that of each file.
+
+    Raises
+    ------
+    ConfigError
+        If it is that of PGF, and there is no TeX installation.
     """
     from matplotlib import rc_context
 
+    _check_format(suffix)
     token = _OUTPUT.set(_Output(style, data, suffix))
     try:
         with rc_context(_FILES | (_PAPER if style is FigureStyle.PAPER else {})):
@@ -98,15 +106,30 @@ def panels(figure: "Figure", rows: int, columns: int, **shared: Any) -> list["Ax
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a figure in the format of the file's suffix, and its numbers beside it if they are wanted."""
+    """Write a figure in the format of the file's suffix, and its numbers beside it if they are wanted.
+
+    Raises
+    ------
+    ConfigError
+        If the format is PGF and there is no TeX installation, or the file can't be written.
+    """
     from matplotlib import rc_context
 
     path = path.with_suffix(_OUTPUT.get().suffix or path.suffix)
+    _check_format(path.suffix)
     with naming(path), rc_context(_FILES):
         dots = 300 if is_paper() else 150
         figure.savefig(path, dpi=dots, metadata=_NO_DATE.get(path.suffix))
     if _OUTPUT.get().data and any(axes.lines for axes in figure.axes):
         save_data(figure, path.with_suffix(".csv"))
+
+
+def _check_format(suffix: str | None) -> None:
+    from matplotlib import rcParams
+
+    program = rcParams["pgf.texsystem"]
+    if suffix == ".pgf" and shutil.which(program) is None:
+        raise ConfigError(f"figures as .pgf need a TeX installation, whose {program} measures text; .pdf needs none")
 
 
 def save_data(figure: "Figure", path: Path) -> None:

@@ -13,7 +13,9 @@ from matplotlib.ticker import LogFormatter
 
 from gustproof.analysis.analyse import Analysis
 from gustproof.analysis.hover_loop import HoverLoop
+from gustproof.analysis.law_margins import SPREADS
 from gustproof.analysis.placement import ErrorLimits, Places
+from gustproof.analysis.robustness import RobustnessOverFrequency
 from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.performance.tradeoff import TradeOff
 from gustproof.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
@@ -173,16 +175,21 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
     save_figure(figure, path)
 
 
-def save_analysis(analysis: Analysis, path: Path) -> None:
-    """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario."""
+def save_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency], path: Path) -> None:
+    """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario.
+
+    With the `robustness` of roll, pitch and yaw two panels show mu and the sensitivity over the spreads.
+    """
     has_loop = bool(len(analysis.hover.loop))
-    figure = _new_figure((11.0, 8.0 if has_loop else 3.4), f"{analysis.law.name}: {analysis.scenario.name}")
-    drawn = panels(figure, 3 if has_loop else 1, 2 if has_loop else 3)
+    rows, columns = (3 + bool(robustness), 2) if has_loop else (1, 3)
+    figure = _new_figure((11.0, 2.7 * rows if has_loop else 3.4), f"{analysis.law.name}: {analysis.scenario.name}")
+    drawn = panels(figure, rows, columns)
+    flights = drawn[-3:]
     if has_loop:
-        gain, S, phase, *flights = drawn
+        gain, S, phase = drawn[:3]
         _draw_loop(analysis.hover, gain, phase, S)
-    else:
-        flights = drawn
+    if has_loop and robustness:
+        _draw_robustness(robustness, *drawn[3:5])
     height = ", ".join(f"{value:g}" for value in analysis.step_moment)
     stepped, flown = analysis.step_records, analysis.records
     for axes, records, values, label, title in zip(
@@ -198,6 +205,33 @@ def save_analysis(analysis: Analysis, path: Path) -> None:
         _style_axes(axes, label, title, "time [s]")
     flights[0].legend(frameon=False, fontsize=font_size(8))
     save_figure(figure, path)
+
+
+def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S: Axes) -> None:
+    """Draw steps that are proved on each band of frequency, and below them, dotted, what members tried attain."""
+    for axis, found, colour in zip(_AXES, robustness, _AXIS_COLOURS, strict=True):
+        for axes, proved, sampled in (
+            (mu, found.mu_proved, np.where(found.mu_found > 0.0, found.mu_found, np.nan)),
+            (S, _decibels(found.S_proved), _decibels(found.S_found)),
+        ):
+            steps = np.where(np.isfinite(proved), proved, np.nan)
+            axes.step(found.omega, np.append(steps, steps[-1]), where="post", color=colour, linewidth=1.2, label=axis)
+            middle = np.sqrt(found.omega[1:] * found.omega[:-1])
+            axes.plot(middle, sampled, color=colour, linestyle=":", marker=".", markersize=3.0, linewidth=0.9)
+    spreads = f"inertia ±{SPREADS.inertia:.0%}, lag ±{SPREADS.actuator_lag:.0%}"
+    for axes, label, title in (
+        (mu, "mu [-]", f"mu, {spreads}"),
+        (S, "|S| [dB]", f"sensitivity over {spreads}"),
+    ):
+        axes.set_xscale("log")
+        _style_axes(axes, label, f"{title}: steps proved, dots sampled", "frequency [rad/s]")
+    floor = robustness[0].mu_floor
+    mu.axhline(
+        floor, color=_INK, linestyle="--", linewidth=0.8, label=f"{1.0 / floor:.2g} times the spreads: search ends"
+    )
+    mu.set_ylim(bottom=0.0)
+    _limit_floor(S)
+    mu.legend(frameon=False, fontsize=font_size(8), loc="lower left")
 
 
 def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:

@@ -14,6 +14,7 @@ from gustproof.analysis.analyse import Analysis, pole_pairs
 from gustproof.analysis.placement import ErrorLimits
 from gustproof.report.terminal import Renderable, figures_table
 from gustproof.synthesis.derive import DesignReport, margins_to_dict
+from gustproof.synthesis.lpv.lpvsyn import LftController
 from gustproof.synthesis.tune import Tuning
 
 _FREQUENCIES = np.geomspace(1e-3, 1e3, 600)
@@ -41,7 +42,9 @@ def render_analysis(analysis: Analysis) -> Renderable:
     facts.add_row("states", str(law.order))
     facts.add_row("sample time", f"{law.dt:g} s")
     facts.add_row("commands", law.output.value)
-    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.is_scheduled else "no")
+    facts.add_row("exact kinematics in its attitude estimate", "yes" if np.any(law.G) else "no")
+    if law.schedule is not None:
+        facts.add_row("scheduled on", ", ".join(dict.fromkeys(law.schedule.parameters)))
     parts: list[Renderable] = [facts]
     if analysis.hover.margins is not None:
         parts.append(margins_table("at hover, sampled and delayed", margins_to_dict(analysis.hover.margins)))
@@ -68,7 +71,8 @@ def render_design(report: DesignReport) -> Renderable:
         levels.add_row("checked", check)
     levels.add_row("controller states", str(figures["order"]))
     levels.add_row("stability augmentation in the model, leak", f"{figures['leak_per_s']:g} 1/s")
-    levels.add_row("exact kinematics in the law", "yes" if figures["scheduled"] else "no")
+    kind = "by its schedule" if isinstance(report.result, LftController) else "yes"
+    levels.add_row("exact kinematics in the law", kind if figures["scheduled"] else "no")
     for name, value in figures.get("step", {}).items():
         levels.add_row(f"step of the reference: {name}", format_margin(value))
     return Group(

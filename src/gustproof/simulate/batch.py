@@ -1,6 +1,6 @@
 """Many flights of one scenario with other vehicles, seeds, gusts and initial attitudes, each judged as it flies."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
@@ -61,11 +61,20 @@ class Case:
         mix = noise_mix(self.seed, (*scenario.turn, *self.turns))
         return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (width - len(mix), 1))])
 
-    def make_initial(self, scenario: Scenario, mix: Array) -> VehicleInitial:
-        """Return the vehicle's initial state in the varied scenario, without the cost of making that."""
+    def make_initial(self, scenario: Scenario, mix: Array, like: VehicleInitial | None = None) -> VehicleInitial:
+        """Return the vehicle's initial state in the varied scenario, without the cost of making that.
+
+        `like` is that of a case with the same vehicle and gust scale, see `initial_vehicle_state`.
+        """
         scale = self.gust_scale * scenario.gust_scale
         return initial_vehicle_state(
-            self.vehicle, scenario, self.seed, gust_scale=scale, attitude_deg=self.initial_attitude_deg, mix=mix
+            self.vehicle,
+            scenario,
+            self.seed,
+            gust_scale=scale,
+            attitude_deg=self.initial_attitude_deg,
+            mix=mix,
+            like=like,
         )
 
 
@@ -126,7 +135,7 @@ def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Se
 def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int, bool]:
     """Return a law and its terms, or the library of an entry; address of its step, true if that is of all lanes."""
     if isinstance(pilot, Law):
-        return pilot, sparse_law(pilot), 0, False
+        return pilot, _without_padding(sparse_law(pilot)), 0, False
     library = load_library(pilot)
     if library.is_single:
         raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
@@ -134,12 +143,17 @@ def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int, bool]
     return library, no_law(), library.step_lanes if wide else library.step, wide
 
 
+def _without_padding(law: SparseLaw) -> SparseLaw:
+    """Return the terms without zeros, which change no sum: here sums of any length are fast."""
+    counts = law.terms[:, 1] != 0.0
+    return law._replace(ends=np.append(0, np.cumsum(counts))[law.ends], terms=law.terms[counts])
+
+
 def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly up to `LANES` cases; empty lanes repeat the last."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     mixes = _make_mixes(scenario, filled)
-    initial = (case.make_initial(scenario, mix) for case, mix in zip(filled, mixes, strict=True))
-    params, states, changes = zip(*initial, strict=True)
+    params, states, changes = zip(*_make_initial(scenario, filled, mixes), strict=True)
     mix = np.stack(mixes, axis=2)
     vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
     batch = Batch(
@@ -148,7 +162,7 @@ def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases
         scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
-        readings=initial_readings(scenario, LANES), **allocate_batch(law, scenario.delay_samples, len(mix)),
+        readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = fly_free if scenario.free else fly_on_stand
     fly(shared, batch)
@@ -166,6 +180,16 @@ def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> list[Array]:
     """Return the seeds and factors (n, 3) of each case, as many rows for each as the most turned one needs."""
     width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
     return [case.make_mix(scenario, width) for case in cases]
+
+
+def _make_initial(scenario: Scenario, cases: Sequence[Case], mixes: Sequence[Array]) -> Iterator[VehicleInitial]:
+    """Yield the initial state of each case."""
+    made: dict[tuple[int, float], VehicleInitial] = {}
+    for case, mix in zip(cases, mixes, strict=True):
+        kind = id(case.vehicle), case.gust_scale
+        initial = case.make_initial(scenario, mix, made.get(kind))
+        made.setdefault(kind, initial)
+        yield initial
 
 
 def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:

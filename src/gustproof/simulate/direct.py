@@ -20,7 +20,7 @@ from gustproof.entries.library import Library, call_step
 from gustproof.entries.stepper import CheckedStepper, StepError
 from gustproof.law.form import Law, Output
 from gustproof.law.references import references
-from gustproof.law.step import EXTRA_SIZE, FORCE, SparseLaw, law_kernel, no_law, sparse_law
+from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 
@@ -57,7 +57,7 @@ class _DirectFlight(NamedTuple):
     bound: float
     """[-] largest magnitude of the command on the wire."""
     z: Array
-    """(n + EXTRA_SIZE,) vector that the law sums, see `law.step`."""
+    """(vector_size,) vector that the law sums, see `law.step`."""
     command: Array
     """(3,) [N*m or rad/s] B."""
     work: Array
@@ -91,7 +91,7 @@ def fly_direct(
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
-    flight = _make_flight(scenario, vehicle, seed, law)._replace(law=sparse_law(law), reference=reference)
+    flight = _make_flight(scenario, vehicle, seed, law)._replace(reference=reference)
     _fly(flight)
     return as_records(flight.records)
 
@@ -155,7 +155,8 @@ def fly_stepper(
 def _make_flight(
     scenario: Scenario, vehicle: Vehicle, seed: int, pilot: Law | Library | CheckedStepper
 ) -> _DirectFlight:
-    """Return a flight that has not begun, without law."""
+    """Return a flight that has not begun; its reference is the scenario's."""
+    terms = sparse_law(pilot) if isinstance(pilot, Law) else no_law()
     sim, torque = initial_state(vehicle, scenario, seed), pilot.output is Output.TORQUE
     records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
     records[scenario.delay_samples :, _AGE] = scenario.delay_samples
@@ -163,11 +164,11 @@ def _make_flight(
     ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
     return _DirectFlight(
-        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, no_law(), 0,
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, terms, 0,
         reference=references(scenario), scale=np.array(published_limit(vehicle)) if torque else np.ones(3),
         thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
-        z=np.zeros(pilot.order + EXTRA_SIZE), command=np.zeros(3), work=np.zeros(pilot.order), ring=ring,
+        z=np.zeros(vector_size(terms, pilot.order)), command=np.zeros(3), work=np.zeros(pilot.order), ring=ring,
         records=records,
     )  # fmt: skip
 

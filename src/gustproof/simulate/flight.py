@@ -99,6 +99,10 @@ class Flight:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons to doubt the figures, a line each."""
+        if self.autopilot is not None:
+            flown = self.autopilot.get("flown", {})
+            names = flown.get("unknown_parameters", ())
+            return tuple(f"{flown['program']} has no parameter {name}, and ignored it" for name in names)
         if self.law is None:
             return ()
         known = warnings(self.scenario, self.law, self.vehicle)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_model.numerics import random
 from firmware_model.numerics.compiled import align_stack, compiled, kernel
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
-from firmware_model.numerics.soa import Lane, aligned_zeros
+from firmware_model.numerics.soa import Lane, aligned_zeros, mover, summer
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
@@ -29,17 +29,20 @@ from gustproof.law.step import (
     RATE_EXCESS,
     RATES,
     SATURATION,
-    TERM_BLOCK,
+    SCHEDULE_SIZE,
     SparseLaw,
     euler_rates,
     rate_excess,
+    share_of_limit,
     tilt,
+    vector_size,
 )
 from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
 from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
+_sum, _move, _move_three = summer(LANES), mover(LANES), mover(3 * LANES)
 _STEP_SIZE = MEASURED_SIZE + 3
 _GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
 
@@ -91,7 +94,7 @@ class Batch(NamedTuple):
     torque_limit: Array
     """(3 * LANES,) [N*m] B."""
     z: Array
-    """(n + EXTRA_SIZE, LANES) vectors that the law sums, see `law.step`."""
+    """(vector_size, LANES) vectors that the law sums, see `law.step`."""
     work: Array
     """(n, LANES) next states of the law."""
     commands: Array
@@ -122,10 +125,10 @@ def _zeros(count: int) -> Array:
     return aligned_zeros(count * LANES).reshape(count, LANES)
 
 
-def allocate_batch(law: Law | Library, delay: int, seeds: int) -> dict[str, Any]:
-    """Return the initial fields of a `Batch` for a law whose commands act `delay` samples late."""
+def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int) -> dict[str, Any]:
+    """Return the initial fields of a `Batch` for a law, its terms, whose commands act `delay` samples late."""
     drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
-    z, each = _zeros(law.order + EXTRA_SIZE), np.zeros((LANES, law.order + _STEP_SIZE))
+    z, each = _zeros(vector_size(terms, law.order)), np.zeros((LANES, law.order + _STEP_SIZE))
     if isinstance(law, Library):
         z[: law.order], each[:, : law.order] = law.initial_state()[:, None], law.initial_state()
     ring = _zeros((delay + 1) * SETPOINT_WIDTH).reshape(delay + 1, SETPOINT_WIDTH * LANES)
@@ -278,24 +281,26 @@ def _is_unusual(free: bool, params: Array, state: Array, dt: float) -> bool:
 @kernel
 def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> None:
     """Write the inputs of a law: rates, reference, specific force."""
+    _move_three(record, journal.GYRO_B * LANES, z, n * LANES)
+    _move_three(record, journal.FORCE_B * LANES, z, (n + FORCE) * LANES)
     for i in range(3):
         for w in range(LANES):
-            z[n + i, w] = record[(journal.GYRO_B + i) * LANES + w]
             z[n + 3 + i, w] = reference[i]
-            z[n + FORCE + i, w] = record[(journal.FORCE_B + i) * LANES + w]
 
 
 @kernel
 def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     """Do the work of `law_kernel`, each flight's sums in the same order."""
-    n, begin, k = work.shape[0], 0, 0
+    n, k = work.shape[0], law.schedule.shape[0]
     if law.is_levelled:
         for w in range(LANES):
             force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
             roll, pitch = tilt(force, (z[0, w], z[1, w]))
             z[n + FORCE, w], z[n + FORCE + 1, w] = roll, pitch
-    if law.ends.size > 3 + n:
-        k, begin = 3, _limit_rates(law, z, n)
+    begin = _schedule(law, z, n)
+    if law.ends.size > k + 3 + n:
+        begin = _limit_rates(law, z, n, k)
+        k += 3
     for i in range(3):
         _sum(law.terms, begin, law.ends[k + i], z, commands[i])
         limit = law.limits[i]
@@ -312,8 +317,7 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
         _sum(law.terms, begin, law.ends[k + 3 + i], z, work[i])
         begin = law.ends[k + 3 + i]
     for i in range(n):
-        for w in range(LANES):
-            z[i, w] = work[i, w]
+        _move(work, i * LANES, z, i * LANES)
 
 
 @kernel
@@ -330,37 +334,68 @@ def _step_each(step: int, batch: Batch) -> None:
 
 
 @kernel
-def _limit_rates(law: SparseLaw, z: Array, n: int) -> int:
-    """Write the excess of the rates commanded from attitude, mostly 0; return the end of their terms."""
-    begin, limited = 0, False
-    for i in range(3):
-        rates, limit, angle = z[n + RATE_EXCESS + i], law.rate_limits[i], law.attitude_limits[i]
-        _sum(law.terms, begin, law.ends[i], z, rates)
-        for w in range(LANES):
-            limited |= not (abs(rates[w]) <= limit and abs(z[i, w]) <= angle)
+def _schedule(law: SparseLaw, z: Array, n: int) -> int:
+    """Write the outputs of a schedule, as `law.step` does; return the end of the terms of its inputs."""
+    rows, begin = law.schedule, 0
+    k, at = rows.shape[0], n + EXTRA_SIZE
+    m = at + k
+    for i in range(k):
+        source, limit, factor = int(rows[i, 0]), rows[i, 1], rows[i, 2]
+        _sum(law.terms, begin, law.ends[i], z, z[at + i])
         begin = law.ends[i]
-    if limited:
+        # the last row of the work space is filled last: until then it holds delta
+        delta = z[m + k * k - 1]
         for w in range(LANES):
-            rates_w = (z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w])
-            excess = rate_excess(rates_w, (z[0, w], z[1, w]), law.rate_limits, law.attitude_limits)
-            z[n + RATE_EXCESS, w], z[n + RATE_EXCESS + 1, w], z[n + RATE_EXCESS + 2, w] = excess
-    else:
-        z[n + RATE_EXCESS : n + RATE_EXCESS + 3] = 0.0
+            delta[w] = share_of_limit(z[source, w], limit, factor, source < n)
+            z[at + i, w] = delta[w] * z[at + i, w]
+        for j in range(k):
+            one, of_delta = 1.0 if i == j else 0.0, rows[i, SCHEDULE_SIZE + j]
+            for w in range(LANES):
+                z[m + i * k + j, w] = one - delta[w] * of_delta
+    _eliminate(z[m:], z[at:], k)
     return int(begin)
 
 
 @kernel
-def _sum(terms: Array, begin: int, end: int, z: Array, total: Array) -> None:
-    """Write the sum of some terms, four at a time: loading and storing the sum takes most of the time."""
-    for t in range(begin, end, TERM_BLOCK):
-        a, b, c, d = terms[t, 1], terms[t + 1, 1], terms[t + 2, 1], terms[t + 3, 1]
-        i, j, k, m = z[int(terms[t, 0])], z[int(terms[t + 1, 0])], z[int(terms[t + 2, 0])], z[int(terms[t + 3, 0])]
-        if t == begin:
+def _eliminate(m: Array, x: Array, k: int) -> None:
+    """Write the solution of (k, k) equations `m` in place of their right sides `x`."""
+    for c in range(k):
+        for i in range(c + 1, k):
+            share = m[i * k + c]  # below the diagonal nothing is read again
             for w in range(LANES):
-                total[w] = 0.0 + a * i[w] + b * j[w] + c * k[w] + d * m[w]
-        else:
+                share[w] = share[w] / m[c * k + c, w]
+            for j in range(c + 1, k):
+                for w in range(LANES):
+                    m[i * k + j, w] -= share[w] * m[c * k + j, w]
             for w in range(LANES):
-                total[w] = total[w] + a * i[w] + b * j[w] + c * k[w] + d * m[w]
+                x[i, w] -= share[w] * x[c, w]
+    for i in range(k - 1, -1, -1):
+        for j in range(i + 1, k):
+            for w in range(LANES):
+                x[i, w] -= m[i * k + j, w] * x[j, w]
+        for w in range(LANES):
+            x[i, w] /= m[i * k + i, w]
+
+
+@kernel
+def _limit_rates(law: SparseLaw, z: Array, n: int, first: int) -> int:
+    """Write the excess of the rates commanded from attitude, mostly 0; their sums begin with the `first`."""
+    begin, limited = 0 if first == 0 else law.ends[first - 1], False
+    limits, angles, s = law.rate_limits, law.attitude_limits, z[n + RATE_EXCESS : n + RATE_EXCESS + 3]
+    for i in range(3):
+        _sum(law.terms, begin, law.ends[first + i], z, s[i])
+        begin = law.ends[first + i]
+    for w in range(LANES):
+        rates = (abs(s[0, w]) <= limits[0]) & (abs(s[1, w]) <= limits[1]) & (abs(s[2, w]) <= limits[2])
+        level = (abs(z[0, w]) <= angles[0]) & (abs(z[1, w]) <= angles[1]) & (abs(z[2, w]) <= angles[2])
+        limited |= not (rates & level)
+    if limited:
+        for w in range(LANES):
+            excess = rate_excess((s[0, w], s[1, w], s[2, w]), (z[0, w], z[1, w]), limits, angles)
+            s[0, w], s[1, w], s[2, w] = excess
+    else:
+        s[:] = 0.0
+    return int(begin)
 
 
 @kernel

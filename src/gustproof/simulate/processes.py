@@ -28,6 +28,8 @@ from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from gustproof.controller.guard import describe_exit
 from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
+from gustproof.scoring.metrics import measure
+from gustproof.scoring.requirements import judge
 from gustproof.simulate.flight import Flight, FlightPlan, by_kind
 from gustproof.simulate.loopback import KillSchedule, kill_schedule
 from gustproof.simulate.outcome import FlightOutcome, describe
@@ -160,6 +162,13 @@ def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     return files
 
 
+def _load_scoring(plan: FlightPlan) -> None:
+    """Load or compile the machine code that measures a flight, and judges it."""
+    records = np.zeros(2, dtype=record_type(plan.vehicle.rotors.count))
+    measure(records, plan.vehicle, plan.scenario, 0.0)
+    judge(records, plan.scenario, plan.vehicle)
+
+
 class _ProcessPair:
     """The processes of a flight: vehicle, controller, and a spare one if the script kills that; none at the end."""
 
@@ -169,7 +178,7 @@ class _ProcessPair:
         self.summary: dict[str, Any] = {}
         self.reason = ""
         self._gave_up = self._alone = False
-        self._files, self._seed, self._journal, self._options = files, plan.seed, journal, options
+        self._plan, self._files, self._journal, self._options = plan, files, journal, options
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
         self._is_program = is_program(plan.pilot)
@@ -200,13 +209,14 @@ class _ProcessPair:
 
     def _start(self, on_listening: Callable[[int, Path], None]) -> None:
         self._processes["vehicle"] = vehicle = launch(
-            "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._seed),
+            "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._plan.seed),
             "--journal", str(self._journal), "--metadata", str(self._files["note"]),
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
         )  # fmt: skip
         # The controller starts meanwhile; it gets the port once the vehicle has one.
         for name in ("controller", "spare") if self._kill is not None else ("controller",):
             self._processes[name] = launch(*self._controller)
+        _load_scoring(self._plan)  # meanwhile, instead of after the flight
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
             raise ConfigError(last_stderr_line(self._processes["vehicle"]) or "the vehicle's process did not start")

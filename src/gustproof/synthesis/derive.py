@@ -19,6 +19,7 @@ from gustproof.performance.step_response import StepResponse, step_response
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.designs import Design, Weight, design_problem, model_damping
 from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.synthesis.lpv.lpvsyn import LftController
 from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
@@ -83,7 +84,7 @@ class DesignReport:
             "checks": list(self.result.checks),
             "norm_omega_rad_s": _nonfinite_to_none({"": self.result.omega})[""],
             "leak_per_s": self.design.leak,
-            "scheduled": self.design.scheduled,
+            "scheduled": self.design.scheduled or isinstance(self.result, LftController),
             "dt_s": self.design.dt,
             "continuous": margins_to_dict(self.continuous),
             "sampled": margins_to_dict(self.sampled),
@@ -137,16 +138,16 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
 
 def make_law(design: Design, vehicle: Vehicle, result: CheckedController) -> Law:
     """Return the law of a design from its controller."""
-    rates = design.rate_loop_lag is not None
+    rates, is_lft = design.rate_loop_lag is not None, isinstance(result, LftController)
     return central_law(
         design.law or design.name,
-        result.controller,
-        scheduled=design.scheduled,
+        result.scheduled if isinstance(result, LftController) else result.controller,
+        scheduled=design.scheduled and not is_lft,
         dt=design.dt,
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),
         output=Output.RATES if rates else Output.TORQUE,
         provenance=_make_provenance(design, vehicle, result),
-        rate_limits=None if rates or not design.scheduled else np.full(3, vehicle.stabilizer.rate_limit),
+        rate_limits=None if rates or not (design.scheduled or is_lft) else np.full(3, vehicle.stabilizer.rate_limit),
     )
 
 

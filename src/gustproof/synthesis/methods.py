@@ -6,16 +6,18 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from gustproof.certify.gain.l2_gain import attitude_plant, certify_gain
+from gustproof.certify.certificate import Certificate
+from gustproof.certify.gain.l2_gain import attitude_plant, certify_gain, certify_lft
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, gain, series
 from gustproof.model.interconnection import Interconnection
-from gustproof.model.lft import Uncertain
+from gustproof.model.lft import Uncertain, star
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn
 from gustproof.synthesis.designs import Design
 from gustproof.synthesis.hinf.h2syn import h2syn
+from gustproof.synthesis.lpv.lpvsyn import LftController, lpvsyn
 from gustproof.synthesis.mu.musyn import musyn
 
 AXES = ("roll", "pitch", "yaw")
@@ -79,8 +81,33 @@ def solve_mu(
     plant = uncertain_plant(design, problem, envelope)
     result = musyn(plant, problem.n_meas, problem.n_con, measure="l2gain", progress=progress)
     certificate = certify_gain(problem, result.controller, angle=envelope.angle, rate=envelope.rate)
-    proven = f"{'proven exactly' if certificate.proven else 'NOT proven exactly'}: {certificate.statement}"
-    return replace(result, checks=(*result.checks, proven))
+    return replace(result, checks=(*result.checks, _describe_proof(certificate)))
+
+
+def solve_lpv(
+    design: Design, problem: Interconnection, *, envelope: Envelope, progress: Callable[[float, str], None]
+) -> LftController:
+    """Return the controller of least L2 gain over an envelope that is scheduled on attitude and rates.
+
+    Its states estimate attitude and rates, as those of a central controller. `certify_lft` proves the gain of the loop
+    in exact arithmetic, for exact parameters in the controller: what it says is one of the checks.
+
+    Raises
+    ------
+    DesignError
+        If the design commands rates, has a reference or an accelerometer, or the inequalities have no solution.
+    """
+    plant = uncertain_plant(design, problem, envelope)
+    progress(0.0, "matrix inequalities")
+    result = lpvsyn(plant, problem.n_meas, problem.n_con, backoff=design.backoff)
+    assert isinstance(result, LftController)  # the plant is an LFT
+    progress(0.2, f"level {result.gamma:.4g}, proving the gain")
+    certificate = certify_lft(star(plant, result.scheduled, problem.n_meas, problem.n_con), assumes={})
+    return replace(result, checks=(*result.checks, _describe_proof(certificate)))
+
+
+def _describe_proof(certificate: Certificate) -> str:
+    return f"{'proven exactly' if certificate.proven else 'NOT proven exactly'}: {certificate.statement}"
 
 
 def uncertain_plant(design: Design, problem: Interconnection, envelope: Envelope) -> Uncertain:

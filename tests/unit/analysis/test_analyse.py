@@ -7,7 +7,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis.analyse import analyse
-from gustproof.analysis.law_margins import axis_robustness, hover_margins
+from gustproof.analysis.law_margins import axis_robustness, axis_robustness_over_frequency, hover_margins
 from gustproof.law.form import load_law
 from gustproof.report import figures
 from gustproof.report.laws import render_analysis
@@ -99,7 +99,7 @@ def test_a_law_of_rates_has_no_torque_loop_and_is_flown_all_the_same(tmp_path):
     assert analysis.hover.margins is None
     assert analysis.to_dict()["margins"] is None
     assert analysis.placement is None
-    figures.save_analysis(analysis, tmp_path / "rates.png")
+    figures.save_analysis(analysis, (), tmp_path / "rates.png")
     save_text(render_analysis(analysis), tmp_path / "rates.txt")
     assert "commands" in (tmp_path / "rates.txt").read_text()
 
@@ -125,13 +125,13 @@ def test_analysis_of_a_flight_that_diverges_has_no_nan(tmp_path):
 def test_a_law_that_commands_nothing_is_analysed_without_infinity(tmp_path):
     law = load_law("hinf-d1")
     analysis = analyse(replace(law, **{name: np.zeros_like(getattr(law, name)) for name in "ABCD"}), VEHICLE, SHORT)
-    figures.save_analysis(analysis, tmp_path / "nothing.png")
+    figures.save_analysis(analysis, (), tmp_path / "nothing.png")
     assert not any("inf" in line for line in analysis.limits())
     assert json.loads(json.dumps(analysis.to_dict(), allow_nan=False))["place"]["least_rmse_deg"] is None
 
 
 def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(scheduled, drawn, tmp_path):
-    figures.save_analysis(scheduled, tmp_path / "x.png")
+    figures.save_analysis(scheduled, (), tmp_path / "x.png")
     gain, S, phase, *_ = drawn[0].axes
     for axes in (gain, S, phase):
         assert all(line.get_xdata()[-1] < 0.99 * np.pi / 0.004 for line in axes.lines if len(line.get_xdata()) > 2)
@@ -140,8 +140,12 @@ def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(sc
 
 
 def test_the_figure_has_bode_sensitivities_step_and_air(scheduled, drawn, tmp_path):
-    figures.save_analysis(scheduled, tmp_path / "x.png")
-    gain, S, phase, step, torque, air = drawn[0].axes
+    found = axis_robustness_over_frequency(load_law("hinf-scheduled"), VEHICLE, SHORT)
+    figures.save_analysis(scheduled, found, tmp_path / "x.png")
+    gain, S, phase, mu, spread, step, torque, air = drawn[0].axes
+    assert [len(axes.lines) for axes in (mu, spread)] == [7, 6]
+    proved, sampled = mu.lines[0].get_ydata()[:-1], mu.lines[1].get_ydata()
+    assert np.all((sampled <= proved) | np.isnan(sampled))
     assert [len(axes.lines) for axes in (gain, S, phase, step, torque, air)] == [7, 4, 7, 3, 3, 3]
     assert phase.lines[0].get_ydata()[0] <= 0.0
     assert np.ptp(step.lines[0].get_ydata()) > 0.0

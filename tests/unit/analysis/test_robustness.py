@@ -11,7 +11,8 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.analysis import robustness
 from gustproof.analysis.law_margins import SPREADS, axis_robustness, hover_margins
-from gustproof.analysis.robustness import robust_peak, robust_stability
+from gustproof.analysis.robustness import robust_peak, robust_stability, robustness_over_frequency
+from gustproof.certify.mu.axis_loop import axis_loop
 from gustproof.law.form import load_law
 from gustproof.law.hover import is_stable_at_hover
 from gustproof.model.uncertainty import Spreads
@@ -137,3 +138,37 @@ def test_an_unstable_nominal_loop_has_no_range(vehicle, scenario):
     with pytest.raises(ValueError, match="nominal loop is unstable"):
         robust_stability(backwards, vehicle, scenario, SPREADS, 0)
     assert axis_robustness(backwards, vehicle, scenario) == ()
+
+
+def test_bounds_over_frequency_hold_for_every_member_and_meet_the_peaks(vehicle, scenario):
+    law, rng = load_law("flagship"), np.random.default_rng(1)
+    found = robustness_over_frequency(law, vehicle, scenario, SPREADS, 0)
+    assert np.all(found.mu_found <= found.mu_proved)
+    assert np.all(found.S_found <= found.S_proved)
+    assert np.all(np.isfinite(found.S_proved[found.omega[1:] > 2.0]))
+    unstable = robust_stability(law, vehicle, scenario, SPREADS, 0).unstable
+    assert np.max(found.mu_proved) > 1.0 / unstable.times > 0.9 * np.max(found.mu_proved)
+    assert np.max(found.mu_found) == pytest.approx(1.0 / unstable.times, rel=0.1)
+    loop = axis_loop(law, vehicle, scenario, 0)
+    inertia, lag = (
+        value * (1.0 + spread * rng.uniform(-1.0, 1.0, 200))
+        for value, spread in ((loop.inertia, SPREADS.inertia), (loop.actuator_lag, SPREADS.actuator_lag))
+    )
+    omega = found.omega[:-1] * (found.omega[1:] / found.omega[:-1]) ** rng.uniform(size=len(found.S_proved))
+    assert np.all(np.abs(loop.sensitivity(omega, inertia, lag)) <= found.S_proved)
+
+
+def test_a_member_with_a_pole_on_a_band_is_outside_what_is_proved_there(vehicle, scenario):
+    """At the edge of stability a pole crosses the circle: the band of its angle is proved to less than that member."""
+    law = load_law("flagship")
+    unstable = robust_stability(law, vehicle, scenario, SPREADS, 0).unstable
+    found = robustness_over_frequency(law, vehicle, scenario, SPREADS, 0)
+    band = int(np.argmax(found.mu_found))
+    loop = axis_loop(law, vehicle, scenario, 0)
+    critical = np.geomspace(found.omega[band], found.omega[band + 1], 400)
+    edge = (
+        loop.inertia * (1.0 + np.array([unstable.inertia])),
+        loop.actuator_lag * (1.0 + np.array([unstable.actuator_lag])),
+    )
+    assert np.max(np.abs(loop.sensitivity(critical, *edge))) > 1e2
+    assert found.mu_proved[band] >= 1.0 / unstable.times

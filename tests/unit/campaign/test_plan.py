@@ -1,12 +1,13 @@
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from gustproof.campaign.plan import DispersionKind, parse_campaign, select_spreads
+from gustproof.campaign.plan import DispersionKind, parse_campaign, select_spreads, usual_dispersions
 
 
 def test_the_nominal_case_is_the_scenario_with_its_vehicle(planned):
@@ -39,6 +40,16 @@ def test_only_what_is_wanted_is_drawn(planned):
     ]  # fmt: skip
     assert list(planned([DispersionKind.GUST]).spreads) == ["gust_scale"]
     assert planned([DispersionKind.GUST]).make_case([0.4], 7).vehicle == load_vehicle("paper")
+
+
+def test_by_default_is_drawn_what_the_vehicle_file_has():
+    paper, kinds = load_vehicle_set("paper"), DispersionKind
+    gyro = {name: spread for name, spread in paper.spreads.items() if name.startswith("gyro.")}
+    body = {name: spread for name, spread in paper.spreads.items() if name not in gyro}
+    assert usual_dispersions(paper) == [kinds.VEHICLE, kinds.GUST, kinds.GYRO]
+    assert usual_dispersions(SimpleNamespace(spreads=body)) == [kinds.VEHICLE, kinds.GUST]
+    assert usual_dispersions(SimpleNamespace(spreads=gyro)) == [kinds.GUST, kinds.GYRO]
+    assert usual_dispersions(SimpleNamespace(spreads={})) == [kinds.GUST]
 
 
 def test_a_campaign_is_read_back_from_its_note(planned):

@@ -2,11 +2,13 @@ import csv
 import json
 import math
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from firmware_model.errors import ConfigError
 from gustproof.campaign.plan import DispersionKind
@@ -190,3 +192,13 @@ def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
     pq.write_table(pa.table({"run": [1]}), path)
     with pytest.raises(ConfigError, match="no table of a campaign"):
         read_campaign_metadata(path)
+
+
+def test_names_of_laws_and_figures_are_whole_in_a_narrow_terminal(table):
+    found, screen = compute_statistics(table), StringIO()
+    Console(file=screen, width=80, color_system=None).print(render_campaign(found))
+    words = " ".join(line.replace("│", " ") for line in screen.getvalue().splitlines())
+    assert max(map(len, screen.getvalue().splitlines())) <= 80
+    assert "…" not in words
+    assert all(law.name in words.split() for law in found.campaign.laws)
+    assert {"RMSE", "peak", "torque", "slew"} <= set(words.split())

@@ -18,8 +18,10 @@ import scipy.linalg
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSine, MomentSquare
+from gustproof.certify import boundedness
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
 from gustproof.certify.check import estimate_box, kernel_norms, truth_drift
+from gustproof.certify.check.attitude_offset import bound_offset
 from gustproof.certify.check.estimate_box import DEMAND, PEAK_RATE, check_box, excess, least_deviations
 from gustproof.certify.check.evidence import CheckResult, seal
 from gustproof.certify.check.evidence import check_certificate as check
@@ -68,13 +70,14 @@ class Flight(NamedTuple):
     rate: np.ndarray
     command: np.ndarray
     gyro: np.ndarray
+    offset: np.ndarray
 
 
 def fly(
     law: Law,
     moments: Callable[[int, float], np.ndarray],
     samples: int,
-    substeps: int = 4,
+    substeps: int = 2,
     noise: float = 0.0,
     seed: int = 1,
     vehicle: Vehicle = VEHICLE,
@@ -92,12 +95,14 @@ def fly(
         return np.array([*kinematics((phi, theta, psi), (p, q, r)), *turn, *held])
 
     s, x, last = np.zeros(9), np.zeros(law.order), np.zeros(3)
-    largest = np.zeros((5, 3))
+    largest, turned, before = np.zeros((6, 3)), np.zeros(3), np.zeros(3)
     h = law.dt / substeps
     for k in range(samples):
         gyro = s[3:6] + noise * rng.standard_normal(3)
+        turned += law.dt * (0.5 * (gyro + before) + (kinematics(x[:3], x[3:6]) - x[3:6]) * np.any(law.G))
         x, command = step(law, x, np.concatenate([gyro, np.zeros(3)]))
-        largest = np.maximum(largest, np.abs([s[:3], x[:3], s[3:6], command, gyro]))
+        before = gyro
+        largest = np.maximum(largest, np.abs([s[:3], x[:3], s[3:6], command, gyro, turned - x[:3]]))
         for j in range(substeps):
             d = moments(k, j / substeps)
             a = derivative(s, last, d)
@@ -216,14 +221,17 @@ def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, no
         (
             "hinf-rates",
             {"horizon": None, "noise": NOISE, "inertia_spread": 0.1, "lag_spread": 0.1},
-            (1.108905, 1.342510, 1.263027),
+            (1.223213, 1.474887, 1.390763),
             None,
-            (0.0456708, 4.006373, 4.085954, 0.325202),
+            (0.0488154, 4.252142, 4.369048, 0.354829),
         ),
     ],
 )
-def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bounds):
+def test_every_term_of_the_theorems_stands(name, options, estimate, truth, bounds, monkeypatch):
     """Figures pinned to six digits: a term left out, or another factor, moves one of them."""
+    if name == "hinf-rates":  # wider cells: a tenth of the time, and the same terms
+        monkeypatch.setattr(boundedness, "_INERTIA_CELLS", 6)
+        monkeypatch.setattr(boundedness, "_LAG_CELLS", 8)
     certificate = certify_boundedness(name, "paper", moment=MOMENT, **options)
     assert certificate.estimate_deg == pytest.approx(estimate, abs=2e-6)
     assert certificate.truth_deg == (None if truth is None else pytest.approx(truth, abs=2e-6))
@@ -342,6 +350,7 @@ def test_noise_norms_equal_the_covariance_of_the_loop():
     assert np.allclose(rms, np.sqrt(np.diag(covariance)), rtol=2e-3)
 
 
+@pytest.mark.compiled
 def test_worst_held_moment_stays_inside_and_reaches_most_of_the_box():
     """The sign of each axis's own kernel, reversed in time, is the worst moment of the linear loop."""
     law, samples = load_law("flagship"), 1000
@@ -359,6 +368,39 @@ def test_worst_held_moment_stays_inside_and_reaches_most_of_the_box():
     assert np.all(flight.command <= box[:, COMMAND])
 
 
+@pytest.mark.parametrize(("name", "least", "most"), [("hinf-scheduled", 0.5, 7.0), ("hinf-rates", 0.5, 5.0)])
+def test_the_truth_of_a_filtered_attitude_is_bounded_over_a_minute(name, least, most):
+    certificate = certify(name)
+    assert max(certificate.truth_deg) <= most
+    pairs = zip(certificate.truth_deg, certificate.estimate_deg, strict=True)
+    assert all(truth > estimate + least for truth, estimate in pairs)
+    assert judge(certificate, name).accepted
+    assert "no bound below a radian" in certify(name, 600.0).statement
+
+
+@pytest.mark.compiled
+def test_the_offset_of_a_filtered_attitude_is_nearly_reached_in_flight():
+    """The moment's signs are those of the offset's own kernel, reversed in time."""
+    law, samples = load_law("hinf-scheduled"), 800
+    certificate, signs = certify(law.name, samples * law.dt), []
+    for axis in range(3):
+        states = kernels(law, axis, samples + 1)[0]
+        rates = states[:-1, 0]
+        offset = law.dt * (np.cumsum(rates) - 0.5 * rates) - states[1:, X0]
+        signs.append(np.sign(offset)[::-1])
+    flight = fly(law, lambda k, _: np.array(signs)[:, k] * MOMENT, samples)
+    system, flown = read_system(law_text(law.name), VEHICLE_TEXT), read_claim(certificate.evidence)
+    norms = [axis_norms(system, axis, flown.samples) for axis in range(3)]
+    bound = bound_offset(system, norms, make_case(system, flown), flown.box, samples=flown.samples, steps=samples)
+    reached = flight.offset / np.array(bound.angle, dtype=float)
+    assert np.all(reached <= 1.0)
+    assert np.all(reached >= 0.8)
+    assert np.all(flight.truth <= np.radians(certificate.truth_deg))
+    still = fly(load_law("flagship"), lambda k, _: np.array(signs)[:, k] * MOMENT, 50)
+    assert np.max(still.offset) < 1e-15  # a strapdown law has none
+
+
+@pytest.mark.compiled
 @pytest.mark.parametrize("signal", [COMMAND, X1])
 def test_worst_moments_of_command_and_rate_reach_most_of_the_box(signal):
     law, samples = load_law("flagship"), 600
@@ -399,6 +441,7 @@ def test_no_flight_of_ten_thousand_leaves_the_box():
     assert np.all(reached[strapdown.name][0] <= np.radians(proven.truth_deg))
 
 
+@pytest.mark.compiled
 def test_square_wave_in_step_with_the_samples_turns_unseen():
     """The law of nature behind the class of any function of time: the gyro reads nothing, the vehicle turns."""
     law, samples = load_law("flagship"), 2500
@@ -423,12 +466,13 @@ def test_drift_grows_with_what_is_left_open_between_samples():
     assert held.evidence["box"] == slow.evidence["box"] == any_function.evidence["box"]
 
 
+@pytest.mark.compiled
 def test_noisy_flights_stay_within_the_truths_bound():
     law, horizon = load_law("flagship"), 6.0
     certificate = certify("flagship", horizon, noise=NOISE)
     assert certificate.assumes["noise_probability"] == 1e-3
     still = np.zeros(3)
-    truths = [fly(law, lambda *_: still, 1500, substeps=2, noise=NOISE, seed=seed).truth for seed in range(4)]
+    truths = [fly(law, lambda *_: still, 1500, noise=NOISE, seed=seed).truth for seed in range(4)]
     assert np.all(np.max(truths, axis=0) <= np.radians(certificate.truth_deg))
 
 
@@ -511,9 +555,6 @@ def test_strapdown_laws_are_told_from_others():
         "hinf-scheduled": False,
         "pid-default": False,
     }
-    certificate = certify("hinf-scheduled")
-    assert certificate.truth_deg is None
-    assert "no strapdown integral" in certificate.statement
 
 
 def test_excess_covers_the_kinematics():
@@ -669,6 +710,7 @@ def least_estimate(sums: list[np.ndarray], moment: np.ndarray) -> np.ndarray:
     return np.degrees(x0)
 
 
+@pytest.mark.slow
 def test_no_random_forgery_is_accepted_that_is_not_true():
     """Of 200 re-sealed forgeries those accepted are true: their box is no less than one found by other means."""
     law, certificate, rng = load_law("flagship"), certify("flagship"), np.random.default_rng(17)

@@ -159,6 +159,7 @@ def test_any_text_gets_a_verdict(text):
     assert not check(text).accepted
 
 
+@pytest.mark.slow
 def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its_level():
     problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
     certificate = certify_gain(problem, K, angle=0.1, rate=0.5)
@@ -172,6 +173,7 @@ def test_the_papers_law_has_a_proven_gain_near_its_lower_bound_and_far_above_its
     assert not refused.proven
 
 
+@pytest.mark.slow
 def test_a_gain_is_proved_of_the_derived_loop_and_of_no_other():
     problem, K = design_problem(load_design("D2"), VEHICLE), controller("D2")
     envelope = Envelope(angle=0.01, rate=0.01)
@@ -250,6 +252,7 @@ def test_a_ball_is_definite_if_every_member_is():
     assert not Ball([[zero, zero], [zero, zero]], tiny).is_positive_definite()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "published"), [("D1", 0.29), ("D2", 0.39)])
 def test_the_exact_schedule_gives_most_of_the_level_back(name, published):
     """Both on the plant of leak and damping .05: D1's own has .02, where its gain is .308."""
@@ -271,6 +274,7 @@ def test_the_loop_has_the_damping_of_each_axis():
     assert l2_gain._airframe(problem)[1] == pytest.approx(vehicle.rate_damping_B, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
     """D2 at (.1, .5): Delta switches at random between its corners, w is noise, waves or both, all within 10 s."""
     loop = attitude_loop(design_problem(load_design("D2"), VEHICLE), controller("D2"), Envelope(angle=0.1, rate=0.5),

@@ -98,6 +98,7 @@ def test_scalings_are_judged_by_what_they_prove_not_by_who_made_them():
         assert max(abs(np.linalg.eigvals(M @ np.diag([0.0, *np.diag(Delta)[1:]])))) <= level(M)
 
 
+@pytest.mark.slow
 def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
     for stiffness, damping, name, edge in (
         (ureal("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
@@ -143,6 +144,7 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
     assert scalings.band(system.M, 0.2, 2.0) == (2.0, 2.0)
 
 
+@pytest.mark.slow
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
     system = oscillator(stiffness, damping)
@@ -153,6 +155,7 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     assert many.gap < 0.01
 
 
+@pytest.mark.slow
 def test_branch_and_bound_brings_mu_of_real_parameters_down_to_what_a_delta_reaches():
     """M / (s + 1) with a real matrix: singular first at rest, where scalings leave an eighth; D found by search."""
     M = [[-1.4, -1.2, -1.3, -0.6], [1.4, -1.6, 0.9, 1.3], [-0.4, -0.7, 0.5, 1.2], [2.2, 0.9, 1.6, -0.5]]
@@ -231,6 +234,7 @@ def test_an_unstable_member_makes_the_worst_gain_infinite():
 INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], D=[[0.0]])
 
 
+@pytest.mark.slow
 def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
     low, high = wcmargin(ureal("gain", low=0.5, high=1.5) @ INTEGRATOR, accuracy=0.1)
     worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))

@@ -61,6 +61,7 @@ def faster() -> Certificate:
     return certify_lft(spring(), assumes={}, speeds={"stiffness": 0.01})
 
 
+@pytest.mark.slow
 def test_the_bound_grows_with_the_speed_until_there_is_none(certificate, faster):
     assert faster.proven
     assert faster.gain > certificate.gain
@@ -173,6 +174,7 @@ def paper_loop() -> Uncertain:
     return attitude_loop(problem, controller, Envelope(angle=0.1, rate=0.5), scheduled=False)
 
 
+@pytest.mark.slow
 def test_the_papers_law_gains_a_quarter_from_what_the_kinematics_allow_roll_and_pitch():
     """The certificate was found once (`gustproof certify hinf-d2 ... --slow`); here it is judged and compared."""
     loop, evidence = paper_loop(), json.loads(GOLDEN.read_text())["evidence"]

@@ -1,20 +1,28 @@
 """`gustproof design`: each method's law, what is printed of it, and options that a method does not take."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from gustproof.certify.boundedness import certify_boundedness
 from gustproof.certify.certificate import Certificate
+from gustproof.certify.gain import l2_gain
 from gustproof.cli.app import app
+from gustproof.errors import DesignError
 from gustproof.law.form import load_law
+from gustproof.lti.state_space import Lti
+from gustproof.model.lft import Uncertain
 from gustproof.synthesis import methods
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import load_design
+from gustproof.synthesis.lpv.lpvsyn import LftController
+from gustproof.synthesis.structured import fixed_order
 
 
 def run(*arguments: str):
@@ -61,11 +69,8 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
         asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
         return CheckedController(controller=central.controller, gamma=3.0, norm=2.0, omega=1.0, checks=("stable",))
 
-    certificate = Certificate(
-        statement="the gain is below 3", gain=3.0, lower_bound=2.0, proven=True, assumes={}, evidence={}, residual=0.0
-    )
     monkeypatch.setattr(methods, "musyn", musyn)
-    monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: certificate)
+    monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: CERTIFICATE)
     figures = told("D2", "--method", "musyn", "--angle-rad", "0.3", "--rate-rad-s", "0.5")
     assert (asked["measure"], asked["sizes"]) == ("l2gain", (3, 3))
     assert sorted(asked["blocks"]) == ["q", "r", "t", "v"]
@@ -73,9 +78,109 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
     assert (figures["law"], figures["gamma"]) == ("D2-musyn", 3.0)
 
 
+@pytest.fixture
+def scheduled(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Let `lpv` find the central controller with two small terms in q at once; return what it is asked."""
+    asked: dict[str, Any] = {}
+
+    def lpvsyn(plant: Any, n_meas: int, n_con: int, **options: Any) -> LftController:
+        K = derive(load_design("D2"))[1].result.controller
+        block = next(block for block in plant.blocks if block.name == "q")
+        M = Lti(
+            A=K.A,
+            B=np.hstack([1e-3 * np.eye(9, 1), K.B]),
+            C=np.vstack([np.eye(1, 9, 3), K.C]),
+            D=np.pad(K.D, ((1, 0), (1, 0))),
+        )
+        asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
+        lft = Uncertain(M=M, blocks=(replace(block, repeats=1),))
+        return LftController(
+            controller=lft.nominal_system(), gamma=0.4, norm=0.3, omega=1.0, checks=(), gamma_opt=0.2, scheduled=lft
+        )
+
+    monkeypatch.setattr(methods, "lpvsyn", lpvsyn)
+    return asked
+
+
+CERTIFICATE = Certificate(
+    statement="the gain is below 3", gain=3.0, lower_bound=2.0, proven=True, assumes={}, evidence={}, residual=0.0
+)
+
+
+def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the_file(
+    scheduled: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    loops: list[Uncertain] = []
+
+    def certify_lft(loop: Uncertain, **_: Any) -> Certificate:
+        loops.append(loop)
+        return CERTIFICATE
+
+    monkeypatch.setattr(methods, "certify_lft", certify_lft)
+    monkeypatch.setattr(l2_gain, "certify_lft", certify_lft)
+    path, envelope = tmp_path / "turned.json", ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
+    figures = told("D2", "--method", "lpv", *envelope, "--backoff", "1.1", "-o", str(path))
+    assert (scheduled["backoff"], scheduled["sizes"]) == (1.1, (3, 3))
+    assert sorted(scheduled["blocks"]) == ["q", "r", "t", "v"]
+    assert figures["checks"] == ["proven exactly: the gain is below 3"]
+    assert (figures["law"], figures["scheduled"], figures["gamma_opt"]) == ("D2-lpv", True, 0.2)
+    law = load_law(path)
+    assert law.schedule is not None
+    assert (law.schedule.parameters, law.schedule.limits.tolist()) == (("q",), [0.05])
+    assert law.rate_limit is not None
+    certified = CliRunner().invoke(app, ["certify", str(path), "--angle-rad", "0.005", "--rate-rad-s", "0.025"])
+    assert certified.exit_code == 0, certified.output
+    designed, read = loops
+    for delta in designed.samples(2, 1):
+        half = {name: (2.0 if name in "qr" else 1.0) * value for name, value in delta.items()}
+        whole = {name: value for name, value in delta.items() if name in "qr"}
+        own, other = designed.substitute(whole), read.substitute({name: half[name] for name in whole})
+        np.testing.assert_allclose(other.response([0.5, 20.0]), own.response([0.5, 20.0]), rtol=1e-6, atol=1e-9)
+    for options, words in (
+        (("--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
+        ((*envelope, "--check", "none.json"), "--check takes the certificate of a law file's gain alone"),
+        ((), "is scheduled on attitude and rates, the proof is about laws without schedule"),
+    ):
+        refused = CliRunner().invoke(app, ["certify", str(path), *options])
+        assert refused.exit_code == 2, refused.output
+        assert words in refused.output
+
+
+def test_a_gain_is_of_a_law_file_with_a_schedule_from_a_shipped_design(make_law: Any, turn: Any, tmp_path: Path):
+    for law, words in (
+        (load_law("hinf-d2"), "has no schedule; give the design"),
+        (turn(load_law("hinf-d2")), "no shipped design"),
+    ):
+        named = replace(law, provenance=replace(law.provenance, design="mine: own weights"))
+        named.save(tmp_path / "law.json")
+        arguments = ["certify", str(tmp_path / "law.json"), "--angle-rad", "0.1", "--rate-rad-s", "0.1"]
+        refused = CliRunner().invoke(app, arguments)
+        assert refused.exit_code == 2
+        assert words in refused.output
+
+
+def test_hinfstruct_is_asked_for_the_decay_and_the_size(monkeypatch: pytest.MonkeyPatch):
+    asked: list[Any] = []
+
+    def hinfstruct(*_: Any, hard_goals: Any, **__: Any) -> Any:
+        asked.extend(hard_goals)
+        raise DesignError("no more is asked")
+
+    monkeypatch.setattr(fixed_order, "hinfstruct", hinfstruct)
+    refused = run("D1", "--method", "hinfstruct", "--order", "3", "--decay", "0.02", "--max-gain", "9")
+    assert (refused.exit_code, refused.output) == (2, "gustproof: no more is asked\n")
+    decay, size = asked
+    assert (decay.minimum, size.limit, size.entries) == (0.02, 9.0, False)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("D2", "--method", "lpv"), "--method lpv needs --angle-rad and --rate-rad-s"),
+        (("R1", "--method", "lpv", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
+        (("D2", "--method", "hinfstruct", "--order", "3", "--decay", "0"), "--decay: is 0.0, must be positive"),
+        (("D2", "--method", "hinfstruct", "--order", "3", "--max-gain", "inf"), "--max-gain: is inf, must be positive"),
+        (("D2", "--decay", "1"), "--decay cannot be given with it"),
         (("D2", "--method", "ncfsyn", "--order", "3"), "--order cannot be given with it"),
         (("D2", "--method", "h2syn", "--gamma", "1"), "--gamma cannot be given with it"),
         (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),

@@ -47,6 +47,7 @@ fly paper --vehicle empty.toml --law hinf-d1
 fly paper --vehicle paper.txt --law hinf-d1
 fly paper --instance 300 --autopilot px4
 fly paper --instance 3
+fly paper --law hinf-d1 --law pid-fair
 fly paper --autopilot px5
 fly paper --autopilot px4 --build nowhere
 fly paper --autopilot px4 --controller x.py:make
@@ -257,6 +258,48 @@ reproduce --seeds 0
 reproduce --vehicle bike
 reproduce --out folder
 doctor extra
+judge hinf-d1 --vehicle paper --air nowhere
+judge hinf-d1 --vehicle paper --moment x
+judge hinf-d1 --vehicle paper --moment nan,1,1
+judge hinf-d1 --vehicle paper --seed -1
+judge hinf-d1 --vehicle paper -o x.txt
+judge hinf-d1 --vehicle paper -o nowhere/x.html
+judge hinf-d1 --vehicle paper --better x.txt
+league --runs 0
+league --workers 0
+league --vehicle bike
+league --scenario nowhere
+league --entry nothing
+league --csv nowhere/x.csv
+league --latex x.txt
+compare paper --autopilot px4 --runs 0
+compare paper --autopilot px4 --vehicle bike
+compare paper --autopilot px4 --build nowhere
+tune iris --scenario nowhere
+tune iris --slew inf
+tune iris --slew x
+tune iris --style none
+tune iris -o nowhere/x.json
+identify text.bin -o x.toml --from nan
+identify text.bin -o x.toml --mass -1
+identify text.bin -o x.toml --mass nan
+identify text.bin -o x.toml --inertia 1,2
+identify text.bin -o x.toml --thrust-max nan
+identify text.bin -o x.toml --scenario nowhere
+identify-rates -o x.toml --bind-port 70000
+identify-rates -o x.toml --signing-key none
+check-controller 'exec: true' --vehicle bike
+audit px4 --build nowhere
+audit --nothing
+doctor --nothing
+guide nothing
+guide install extra
+law show
+law lst
+vehicle list extra
+vehicle show --json
+design list extra
+design show nowhere
 desgn
 --nothing
 """.strip().splitlines()

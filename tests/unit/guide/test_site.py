@@ -1,5 +1,6 @@
 """The site of the guide needs no network, and is sound for keyboards and screen readers."""
 
+import json
 import re
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -9,7 +10,8 @@ import typer.main
 from typer.testing import CliRunner
 
 from gustproof.cli.app import app
-from gustproof.guide.site import MADE, SECTIONS, heading_anchor, render_markdown
+from gustproof.guide.rendering import heading_anchor, render_markdown
+from gustproof.guide.site import MADE, SECTIONS
 
 pytestmark = pytest.mark.plain
 
@@ -46,7 +48,7 @@ def pages(folder):
 
 
 def test_every_page_of_the_contents_is_written(pages):
-    assert set(pages) | {"matlab"} == {name for names in SECTIONS.values() for name in names}
+    assert set(pages) == {name for names in SECTIONS.values() for name in names}
     assert set(MADE) < set(pages)
 
 
@@ -54,7 +56,7 @@ def test_nothing_is_fetched_and_every_link_leads_somewhere(pages, folder):
     for name, page in pages.items():
         for tag, attributes in page.tags:
             target = attributes.get("src") or attributes.get("href") or ""
-            assert tag != "script"
+            assert tag != "script" or attributes == {"src": "guide.js", "defer": None}
             if tag != "a":
                 assert not re.match(r"\w+://|//", target), f"{name} fetches {target}"
             if target and "://" not in target and not target.startswith("data:"):
@@ -63,6 +65,38 @@ def test_nothing_is_fetched_and_every_link_leads_somewhere(pages, folder):
                 if anchor:
                     assert anchor in pages[file.removesuffix(".html") or name].ids, f"{name}: no {target}"
     assert not re.search(r"url\(|@import", (folder / "guide.css").read_text(encoding="utf-8"))
+    assert not re.search(r"fetch\(|://|import\b", (folder / "guide.js").read_text(encoding="utf-8"))
+
+
+def test_the_search_knows_every_section_of_every_page(pages, folder):
+    text = (folder / "search.js").read_text(encoding="utf-8")
+    index = json.loads(text.removeprefix("guideIndex(").removesuffix(");\n"))
+    assert {page for page, *_ in index} == set(pages)
+    for page, anchor, *_ in index:
+        assert anchor in pages[page].ids, f"{page}: {anchor}"
+    assert sum(page == "glossary" for page, *_ in index) == pages["glossary"].headings.count(2) + 1
+    assert any("coning" in words for page, *_, words in index if page == "theory")
+
+
+def test_the_first_use_of_a_term_leads_to_its_entry(folder):
+    theory = (folder / "theory.html").read_text(encoding="utf-8")
+    assert theory.count('href="glossary.html#term-coning"') == 1
+    assert re.search(
+        r'<a href="glossary.html#term-ms" class="term" title="peak of the sensitivity[^"]*">Ms</a>', theory
+    )
+    assert 'class="term"' not in (folder / "glossary.html").read_text(encoding="utf-8")
+    shown, _ = render_markdown("# leak\n\nno [leak](a.md), `leak`, a leak, a leak-free leak", {"leak": "of <it>"})
+    assert shown.count('title="of &lt;it&gt;">leak</a>, a leak-free') == 1
+    assert shown.count("glossary.html") == 1
+
+
+def test_code_has_colours_and_long_pages_list_their_sections(folder):
+    library, tutorial = ((folder / f"{name}.html").read_text(encoding="utf-8") for name in ("library", "tutorial"))
+    assert '<span class="kn">import</span>' in library
+    assert '<span class="gp">$ </span>gustproof' in tutorial
+    assert '<nav id="sections" aria-label="On this page">' in tutorial
+    assert '<a href="#prove">Prove</a>' in tutorial
+    assert "On this page" not in library
 
 
 def test_headings_landmarks_and_pictures_have_names(pages):
@@ -95,10 +129,11 @@ def test_a_guide_replaces_no_other_files(folder, tmp_path):
 
 
 def test_markdown_is_rendered_without_raw_html():
-    shown = render_markdown(
+    shown, sections = render_markdown(
         "# A b\n\n<script>x</script>\n\n[p](px4.md#a) ![alt](pictures/x.png)\n\n| a |\n|---|\n| 1 |\n"
     )
     assert "<script>" not in shown
+    assert [(part.level, part.anchor, part.title) for part in sections] == [(1, "a-b", "A b")]
     assert 'href="px4.html#a"' in shown
     assert 'src="x.png"' in shown
     assert '<h1 id="a-b">' in shown
@@ -117,7 +152,20 @@ def test_reference_has_every_command_key_and_message(folder):
         assert word in text["keys-vehicle"]
     assert all(word in text["keys-design"] for word in ("W_e", "backoff", "InnerLoop", "misfit"))
     assert all(word in text["keys-law"] for word in ("gustproof-law-1", "rate_limit", "provenance", "(3, n) state"))
-    assert all(word in text["topics"] for word in ("/truth/pose", "[N*m] actuator command", "gustproof_msgs/msg/Mode"))
-    assert all(word in text["messages"] for word in ("HIGHRES_IMU", "SET_ATTITUDE_TARGET", "MAV_CMD_DO_SET_MODE"))
+    assert all(
+        word in text["topics"]
+        for word in (
+            "/truth/pose",
+            "[N*m] actuator command",
+            "gustproof_msgs/msg/Mode",
+            "/events",
+            "/requirements",
+            "/attitude/error",
+        )
+    )
+    assert all(
+        word in text["messages"]
+        for word in ("HIGHRES_IMU", "COMMAND_ACK", "PARAM_VALUE", "SET_ATTITUDE_TARGET", "MAV_CMD_DO_SET_MODE")
+    )
     assert all(word in text["json"] for word in ("rmse_deg", "gamma_opt", "requirements", "certified_up_to_times"))
-    assert "fly_direct(scenario, law" in text["api"]
+    assert "fly_direct(scenario, law" in re.sub(r"<[^>]*>", "", text["api"])

@@ -27,6 +27,45 @@ def test_a_file_keeps_every_bit(make_law: Maker, tmp_path: Path, measured: int, 
         assert getattr(back.rate_limit, name).tobytes() == getattr(law.rate_limit, name).tobytes()
 
 
+def test_a_file_keeps_every_bit_of_a_schedule(make_law: Maker, turn: Maker, tmp_path: Path) -> None:
+    law = turn(make_law(scheduled=False))
+    law.save(tmp_path / "law.json")
+    back = load_law(tmp_path / "law.json")
+    assert back.is_scheduled
+    assert back.schedule is not None
+    assert law.schedule is not None
+    assert back.schedule.parameters == law.schedule.parameters
+    for name in ("limits", "J", "K", "L", "P", "Q"):
+        assert getattr(back.schedule, name).tobytes() == getattr(law.schedule, name).tobytes()
+    assert "schedule" not in make_law().to_dict()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("parameters", [], "schedule.parameters: are .*, must be of phi, theta, p, q, r"),
+        ("parameters", ["phi", "psi", "r", "r"], "schedule.parameters: are .*'psi'"),
+        ("parameters", "phi", "schedule.parameters: are 'phi'"),
+        ("limits", [3.2, 0.2, 0.5, 0.5], "schedule.limits: phi up to 3.2, must be above 0 and below 3.142"),
+        ("limits", [0.3, 0.2, 0.0, 0.5], "schedule.limits: r up to 0"),
+        ("J", [[0.0] * 6] * 4, r"schedule.J has shape \(4, 6\), must be \(4, 7\)"),
+        ("L", [[0.5] * 4] * 4, "schedule.L has the largest singular value 2, must be below 1"),
+        ("Q", [[math.nan] * 4] * 7, "schedule.Q has a number that is not finite"),
+        ("W", 1, "schedule: must be an object of J, K, L, P, Q, limits, parameters"),
+    ],
+)
+def test_a_wrong_schedule_is_refused(make_law: Maker, turn: Maker, key: str, value: object, message: str) -> None:
+    document = json.loads(json.dumps(turn(make_law()).to_dict()))
+    document["schedule"][key] = value
+    with pytest.raises(LawFileError, match=message):
+        parse_law(document, "file")
+
+
+def test_a_schedule_needs_attitude_and_rates_in_the_state(make_law: Maker, turn: Maker) -> None:
+    with pytest.raises(ValueError, match="schedule: A has order 3"):
+        turn(make_law(3, scheduled=False))
+
+
 def test_a_law_without_a_limit_of_the_rate_has_no_trace_of_one_in_its_file(make_law: Maker) -> None:
     law = make_law()
     assert "rate_limit" not in law.to_dict()

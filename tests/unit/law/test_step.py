@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, list_laws, load_law
+from gustproof.law.form import Law, Schedule, list_laws, load_law
 from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, rate_excess, sparse_law, step, tilt
 
 Maker = Callable[..., Law]
@@ -25,15 +25,39 @@ def kinematics(phi: float, theta: float) -> np.ndarray:
     )
 
 
-def test_kernels_are_compiled_once_for_every_shipped_law() -> None:
-    assert len({tuple(map(numba.typeof, sparse_law(load_law(name)))) for name in list_laws()}) == 1
+def scheduled_outputs(schedule: Schedule, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return w by a general solution of its equation; at least one parameter is within its limit and one beyond."""
+    sources = {"phi": x[0], "theta": x[1], "p": y[0], "q": y[1], "r": y[2]}
+    own = np.array([sources[name] for name in schedule.parameters])
+    within = np.clip(own, -schedule.limits, schedule.limits)
+    assert np.any(within == own)
+    assert np.any(within != own)
+    angles = np.isin(schedule.parameters, ("phi", "theta"))
+    delta = np.where(angles, np.tan(within / 2.0) / np.tan(schedule.limits / 2.0), within / schedule.limits)
+    Delta = np.diag(delta)
+    return np.linalg.solve(np.eye(len(own)) - Delta @ schedule.L, Delta @ (schedule.J @ x + schedule.K @ y))
+
+
+def test_kernels_are_compiled_once_for_every_law(turn: Maker) -> None:
+    laws = [*map(load_law, list_laws()), turn(load_law("hinf-d1"))]
+    assert len({tuple(map(numba.typeof, sparse_law(law))) for law in laws}) == 1
+
+
+def test_a_schedule_changes_no_bit_at_level_rest(turn: Maker) -> None:
+    law, rng = load_law("hinf-d1"), np.random.default_rng(6)
+    x, y = np.array([0.0, 0.0, *rng.normal(size=7)]), np.array([0.1, -0.2, 0.0, 0.0, 0.0, 0.0])
+    for free, turned in zip(step(law, x, y), step(turn(law), x, y), strict=True):
+        assert free.tobytes() == turned.tobytes()
 
 
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("measured", [6, 8])
-@pytest.mark.parametrize("scheduled", [False, True])
-def test_a_step_is_the_stated_form(make_law: Maker, scheduled: bool, measured: int, limited: bool) -> None:
+@pytest.mark.parametrize(("scheduled", "turned"), [(False, False), (True, False), (False, True)])
+def test_a_step_is_the_stated_form(
+    make_law: Maker, turn: Maker, scheduled: bool, measured: int, limited: bool, turned: bool
+) -> None:
     law = make_law(scheduled=scheduled, measured=measured, limited=limited)
+    law = turn(law) if turned else law
     rng = np.random.default_rng(2)
     x, y = rng.normal(size=7), rng.normal(size=6 if measured == 6 else 9)
     seen = y
@@ -47,11 +71,15 @@ def test_a_step_is_the_stated_form(make_law: Maker, scheduled: bool, measured: i
         excess = np.linalg.inv(kinematics(roll, pitch)) @ np.clip(s, -limit.limits, limit.limits) - s
         assert np.abs(excess).min() > 0.01
         to_command, to_state = limit.U, limit.V
-    u = law.C @ x + law.D @ seen + to_command @ excess
+    w, at_command, at_state = np.zeros(1), np.zeros((3, 1)), np.zeros((7, 1))
+    if law.schedule is not None:
+        w, at_command, at_state = scheduled_outputs(law.schedule, x, seen), law.schedule.P, law.schedule.Q
+    u = law.C @ x + law.D @ seen + to_command @ excess + at_command @ w
     command = np.clip(u, -law.limits, law.limits)
     assert np.any(command != u)
     rates = kinematics(*x[:2]) @ x[3:6]
     expected = law.A @ x + law.B @ seen + law.G @ rates + law.H @ (command - u) + to_state @ excess
+    expected += at_state @ w
     x_next, flown = step(law, x, y)
     np.testing.assert_allclose(flown, command, rtol=1e-13)
     np.testing.assert_allclose(x_next, expected, rtol=1e-12, atol=1e-12)
@@ -109,9 +137,10 @@ def test_a_step_leaves_its_arguments_alone(make_law: Maker) -> None:
     assert (y == 1.0).all()
 
 
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("name", ["aided", "pid-fair", "hinf-d1", "hinf-scheduled", "hinf-rates"])
-def test_a_flying_law_gives_the_bits_of_step(name: str) -> None:
-    law = load_law(name)
+def test_a_flying_law_gives_the_bits_of_step(name: str, turned: bool, turn: Maker) -> None:
+    law = turn(load_law(name)) if turned else load_law(name)
     scale, reference = (0.7, 1.5, 3.0), (0.1, -0.2, 0.3)
     flying, x = LawStepper(law, scale), np.zeros(law.order)
     flying.set_reference(reference)

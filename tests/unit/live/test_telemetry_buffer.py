@@ -35,3 +35,15 @@ def test_of_a_long_flight_the_oldest_rows_go_and_no_new_one_is_missed(monkeypatc
     (kept,) = (rows for name, rows in slow.read().items() if name == "torque")
     assert 5 <= len(kept) <= 10
     assert kept == seen[-len(kept) :]
+
+
+def test_another_flight_drops_the_rows_of_the_one_before():
+    buffer = TelemetryBuffer(law="a")
+    buffer.add("age", [(0.0, 1.0), (0.1, 2.0)])
+    early, late = buffer.reader(), buffer.reader()
+    early.read()
+    buffer.restart(law="b")
+    buffer.add("age", [(0.0, 3.0)])
+    expected = {"flight": 2, "age": [(0.0, 3.0)], "facts": {"law": "b"}}
+    assert early.read() == late.read() == expected
+    assert early.read() == {}

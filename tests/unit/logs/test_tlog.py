@@ -146,5 +146,6 @@ def test_read_log_of_telemetry_refuses_what_is_none(
         read_log(written("silent.tlog", only.content))
 
 
+@pytest.mark.slow
 def test_read_log_of_mutated_telemetry(check_mutations: Callable[..., None], station: Station) -> None:
     check_mutations("flight.tlog", station.content)

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
@@ -86,6 +87,15 @@ def test_a_figure_for_a_paper_is_a_column_wide_with_its_numbers_beside(drawn, tm
     assert [float(row["x"]) for row in rows] == pytest.approx([i * 0.004 for i in range(250)])
     assert {(row["curve"], row["y_label"]) for row in rows} == {("hinf-d1", "roll φ [deg]")}
     assert float(rows[31]["y"]) == pytest.approx(np.degrees(0.1 * np.sin(31 / 20.0)))
+
+
+def test_pgf_is_refused_before_anything_is_flown_where_no_tex_measures_text(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ConfigError, match=r"figures as \.pgf need a TeX installation"):
+        figures.save_moments(flight(), tmp_path / "x.pgf")
+    with pytest.raises(ConfigError, match="TeX"), figures_as(FigureStyle.PAPER, suffix=".pgf"):
+        pass
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".svg", b"<?xml"), (".png", b"\x89PNG")])

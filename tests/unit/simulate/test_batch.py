@@ -106,6 +106,14 @@ def test_flights_side_by_side_are_those_one_by_one_with_every_law(law, translati
 
 
 @pytest.mark.compiled
+def test_flights_of_a_scheduled_law_are_the_same_side_by_side(turn):
+    law = turn(load_law("hinf-scheduled"), 0.1)
+    limited = replace(law, rate_limit=replace(law.rate_limit, limits=np.full(3, 0.05)))
+    for flown in (replace(law, rate_limit=None), limited):
+        assert_same(SHORT, flown, cases(3, sway=2.0))
+
+
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", ["payload-drop", "shear"])
 def test_free_flights_of_a_law_of_rates_are_the_same_side_by_side(name):
     assert_same(load_scenario(name), load_law("hinf-rates"), cases(3))

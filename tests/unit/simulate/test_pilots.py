@@ -134,11 +134,12 @@ def test_exported_c_flies_the_bits_of_its_law(tmp_path, compiler, name):
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_exported_c_flies_in_lanes_with_the_bits_of_its_law(tmp_path, compiler):
+def test_exported_c_flies_in_lanes_with_the_bits_of_its_law(tmp_path, compiler, turn):
     scenario = replace(SHORT, duration_s=1.0)
     cases = [Case(vehicle=VEHICLE, seed=seed, gust_scale=0.1 * seed) for seed in range(40)]
-    for name in ("flagship", "hinf-d1", "hinf-rates"):
-        law, source = load_law(name), tmp_path / f"{name}.c"
+    turned = turn(load_law("hinf-d1"), 0.1)  # linear at rest
+    for law in (load_law("flagship"), turned, load_law("hinf-rates")):
+        name, source = law.name, tmp_path / f"{law.name}.c"
         save_c(law, source)
         expected = fly_many(scenario, law, cases)
         lanes = compile_library(compiler, source, f"-D{c_name(name)}_LANES={LANES}")

@@ -47,7 +47,7 @@ class Ball(NamedTuple):
         Congruence by any matrix W keeps what it proves: with W F W' diagonally dominant, W is regular and F definite.
         W is the inverse of a Cholesky factor in doubles, so that W F W' is near the identity.
         """
-        if not any(map(any, self.radius)):
+        if _are_exact(self):
             return is_positive_definite(self.middle)
         try:
             W = to_rational(np.linalg.inv(np.linalg.cholesky(np.array(self.middle, dtype=np.float64))).tolist())
@@ -71,8 +71,14 @@ def exact(A: RationalMatrix) -> Ball:
     return Ball(A, [[Fraction(0)] * len(row) for row in A])
 
 
+def _are_exact(*balls: Ball) -> bool:
+    """Return whether each ball is that of one matrix, which takes half of the work."""
+    return not any(any(map(any, ball.radius)) for ball in balls)
+
+
 def _plus(*terms: Ball) -> Ball:
-    return Ball(add(*(term.middle for term in terms)), add(*(term.radius for term in terms)))
+    middle = add(*(term.middle for term in terms))
+    return exact(middle) if _are_exact(*terms) else Ball(middle, add(*(term.radius for term in terms)))
 
 
 def _times(sign: int, A: Ball) -> Ball:
@@ -85,9 +91,12 @@ def _turned(A: Ball) -> Ball:
 
 
 def _product(A: Ball, B: Ball) -> Ball:
+    middle = multiply(A.middle, B.middle)
+    if _are_exact(A, B):
+        return exact(middle)
     size_A, size_B = ([[abs(value) for value in row] for row in M.middle] for M in (A, B))
     radii = multiply(size_A, B.radius), multiply(A.radius, size_B), multiply(A.radius, B.radius)
-    return Ball(multiply(A.middle, B.middle), [[round_up(value) for value in row] for row in add(*radii)])
+    return Ball(middle, [[round_up(value) for value in row] for row in add(*radii)])
 
 
 class Vertex(NamedTuple):

@@ -26,6 +26,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, UP, X0, X1, AxisNorms
 from gustproof.certify.check.system import LoopSystem, Refusal
@@ -75,9 +76,14 @@ def _map_axis(
     system: LoopSystem, norms: AxisNorms, case: Case, box: Box, e: list[Fraction], axis: int
 ) -> list[Fraction]:
     """Return the bounds of an axis, the largest over all cells; doubles that are not negative, rounded up by `UP`."""
+    return bound_signals(system, norms, axis, box[axis], axis_causes(system, case, box, e, axis))
+
+
+def axis_causes(system: LoopSystem, case: Case, box: Box, e: list[Fraction], axis: int) -> "Causes":
+    """Return bounds of all that drives an axis of a flight within the box; `e` bounds the excess [rad/s]."""
     states, held = _rounding(system, case, box, e, axis)
     states[COMMAND] += _FLOAT32 * box[axis][COMMAND] + _TINY
-    causes = Causes(
+    return Causes(
         case.moment[axis],
         system.gyroscopic[axis] * _product(box, axis),
         e[axis],
@@ -86,7 +92,6 @@ def _map_axis(
         gyro_rounding(case, box[axis]),
         case.deviations * case.noise,
     )
-    return bound_signals(system, norms, axis, box[axis], causes)
 
 
 class Causes(NamedTuple):
@@ -115,28 +120,20 @@ def bound_signals(
 
     The latter enter through the distance of inertia and lag from a cell's centre, and between the samples.
     """
-    h, m = _up(system.dt), norms.entries.shape[2]
-    torque, demand, gap = (_up(row[k]) for k in (TORQUE, DEMAND, GAP))
-    centre, off = norms.inverse_inertia.T
-    held = _up(causes.held)
-    a = (centre + off) * _up(causes.moment) + off * torque + _up(causes.coupling)
-    pull = h * norms.inverse_lag[:, 1] * gap  # [N*m] a sample, from the lag's distance to the centre
-    inputs = np.zeros((len(a), m))
-    inputs[:, : len(causes.states)] = [_up(value) for value in causes.states]
-    inputs[:, TORQUE] += pull + held
-    turned = h * a + h * centre * (pull / 2.0 + held)
-    inputs[:, OMEGA] += turned
+    h, m = up(system.dt), norms.entries.shape[2]
+    torque, demand, held = (up(value) for value in (row[TORQUE], row[DEMAND], causes.held))
+    inputs, a = axis_inputs(system, norms, row, causes)
     signals = (
         (norms.entries @ inputs[:, :, None])[:, :, 0]
-        + norms.excess * _up(causes.excess)
-        + norms.gyro * _up(causes.gyro)
-        + norms.noise * _up(causes.noise)
+        + norms.excess * up(causes.excess)
+        + norms.gyro * up(causes.gyro)
+        + norms.noise * up(causes.noise)
     )
-    signals[:, m] += turned  # a change before the sample has ended counts in full
-    signals[:, m + 1 :] += norms.demand_gyro * _up(causes.gyro + causes.noise) + held
+    signals[:, m] += inputs[:, OMEGA]  # a change before the sample has ended counts in full
+    signals[:, m + 1 :] += norms.demand_gyro * up(causes.gyro + causes.noise) + held
     # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
-    bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * (centre + off)
-    drag = _up(system.damping[axis] * row[PEAK_RATE])
+    bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * np.sum(norms.inverse_inertia, axis=1)
+    drag = up(system.damping[axis] * row[PEAK_RATE])
     peak = signals[:, OMEGA] + h / 2.0 * (a + drag) + bend
     highest = UP * np.max(np.column_stack([signals, peak]), axis=0)
     if not np.all(np.isfinite(highest)):
@@ -144,7 +141,25 @@ def bound_signals(
     return [Fraction(value) for value in highest.tolist()]
 
 
-def _up(value: Fraction) -> float:
+def axis_inputs(
+    system: LoopSystem, norms: AxisNorms, row: list[Fraction], causes: Causes
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return by cell what a sample adds to each state at most (cells, m), and the acceleration (cells,) [rad/s^2].
+
+    Bounds `row` of the signals enter through the distance of inertia and lag from the cell's centre.
+    """
+    h, (centre, off) = up(system.dt), norms.inverse_inertia.T
+    held = up(causes.held)
+    a = (centre + off) * up(causes.moment) + off * up(row[TORQUE]) + up(causes.coupling)
+    pull = h * norms.inverse_lag[:, 1] * up(row[GAP])  # [N*m] a sample, from the lag's distance to the centre
+    inputs = np.zeros((len(a), norms.entries.shape[2]))
+    inputs[:, : len(causes.states)] = [up(value) for value in causes.states]
+    inputs[:, TORQUE] += pull + held
+    inputs[:, OMEGA] += h * a + h * centre * (pull / 2.0 + held)
+    return inputs, a
+
+
+def up(value: Fraction) -> float:
     """Return a double that is not below a number that is not negative."""
     return float(value) * UP
 

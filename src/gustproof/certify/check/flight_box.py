@@ -10,11 +10,11 @@ from enum import Enum
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+from gustproof.certify.check.attitude_offset import strapdown_box
 from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations
 from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, axis_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
-from gustproof.lti.rational import round_up
 
 KIND = "boundedness"
 KEYS = frozenset(
@@ -199,8 +199,6 @@ def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float] | None, st
     """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
     if claim.horizon is None:
         return None, "without a horizon the truth has no bound: gyros do not observe attitude"
-    if not is_strapdown(system):
-        return None, "the law's attitude is no strapdown integral of the gyro, so the truth has no bound"
     moment = [claim.part * value for value in claim.moment]
     free = claim.moment_class is MomentClass.ANY
     disturbance = Disturbance(
@@ -209,8 +207,12 @@ def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float] | None, st
         steps=math.ceil(claim.horizon / system.dt) + 1,
         risk=claim.risk / 2,
     )
+    case, box = make_case(system, claim), claim.box
     try:
-        truth = truth_bound(system, make_case(system, claim), claim.box, disturbance)
+        if not is_strapdown(system):
+            norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
+            box, disturbance = strapdown_box(system, norms, case, box, disturbance, claim.samples)
+        truth = truth_bound(system, case, box, disturbance)
     except Refusal as refusal:
         return None, str(refusal)
     return [_degrees_up(value) for value in truth], ""
@@ -278,7 +280,7 @@ def _list_up(values: Iterable[float]) -> str:
 
 def _degrees_up(angle: Fraction) -> float:
     """Return an angle [rad] in degrees, not rounded down."""
-    return math.ceil(1e6 * math.degrees(float(round_up(angle))) + 1e-3) / 1e6
+    return math.ceil(1e6 * math.degrees(float(angle)) + 1e-3) / 1e6
 
 
 def _bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:

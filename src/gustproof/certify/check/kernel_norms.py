@@ -83,31 +83,54 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     Refusal
         If the simulation is too long or short to bound the tail, or the loop unstable.
     """
+    check_work(system, samples)
+    inverse_inertia, inverse_lag = _cells(system, axis)
+    Phi, x = unit_loop(system, axis)
+    demand, demand_gyro = _demand(system, axis)
+    total, square, peak, x = _simulate(Phi, demand, x, samples)
+    peak = np.max(peak, axis=2)  # of each state over all columns
+    defect = unit_roundings(Phi, peak)
+    # the demand is a sum of the states with a rounding of its own
+    slack = (Phi.shape[1] + 16) * _ULP * samples * (peak @ np.abs(demand))
+    total[:, GAP:] += slack[:, None, None]
+    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
+
+
+def check_work(system: LoopSystem, samples: int) -> None:
+    """Raise `Refusal` for a simulation that would take longer than a minute."""
     if not 0 < samples <= LONGEST:
         raise Refusal(f"samples are {samples}, must be 1 to {LONGEST}")
     if samples * system.cells[0] * system.cells[1] > _MOST_WORK:
         raise Refusal(f"{samples} samples of {system.cells[0]} x {system.cells[1]} cells are too many to simulate")
+
+
+def unit_loop(system: LoopSystem, axis: int) -> tuple[Array, Array]:
+    """Return Phi of an axis by cell, and its states (cells, m, m + 2) after units of each state, of excess and gyro."""
+    inverse_inertia, inverse_lag = _cells(system, axis)
+    Phi, gyro = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
+    own, m = range(axis, len(system.A), 3), Phi.shape[1]
+    excess = np.zeros(m)
+    excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
+    x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(Phi), axis=0)
+    x[:, :, -1] = gyro
+    return Phi, x
+
+
+def unit_roundings(Phi: Array, peak: Array) -> Array:
+    """Return bounds (cells, m) of the rounding of a sample's step, for states within `peak` (cells, m)."""
+    defects: Array = (Phi.shape[1] + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
+    return defects
+
+
+def _cells(system: LoopSystem, axis: int) -> tuple[Array, Array]:
+    """Return centre and half width of each cell of one over inertia, and over lag, (cells, 2) each."""
     inertia, lag = float(1 / system.inertia[axis]), float(1 / system.lag)
     pairs = [
         (a, b)
         for a in _cover(inertia, float(system.inertia_spread), system.cells[0])
         for b in _cover(lag, float(system.lag_spread), system.cells[1])
     ]
-    inverse_inertia, inverse_lag = np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
-    Phi, gyro = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
-    demand, demand_gyro = _demand(system, axis)
-    own, m = range(axis, len(system.A), 3), Phi.shape[1]
-    excess = np.zeros(m)
-    excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
-    x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(pairs), axis=0)
-    x[:, :, -1] = gyro
-    total, square, peak, x = _simulate(Phi, demand, x, samples)
-    peak = np.max(peak, axis=2)  # of each state over all columns
-    defect = (m + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
-    # the demand is a sum of the states with a rounding of its own
-    slack = (m + 16) * _ULP * samples * (peak @ np.abs(demand))
-    total[:, GAP:] += slack[:, None, None]
-    return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
+    return np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
 
 
 def _simulate(Phi: Array, demand: Array, x: Array, samples: int) -> tuple[Array, Array, Array, Array]:

@@ -54,7 +54,6 @@ from gustproof.certify.check.estimate_box import (
 from gustproof.certify.check.kernel_norms import COMMAND, X0, X1, AxisNorms
 from gustproof.certify.check.system import LoopSystem, Refusal, Row, is_strapdown
 from gustproof.certify.check.truth_drift import slope_of_T
-from gustproof.lti.rational import round_up
 
 _U = Fraction(1, 1 << 24)
 """[-] unit roundoff of a float."""
@@ -120,7 +119,7 @@ def bound_rounding(
     return RoundingBounds(
         own=[row[X0] for row in difference],
         command=[row[COMMAND] for row in difference],
-        drift=round_up(sum(errors[:3], Fraction(0)), 128) if is_strapdown(system) else None,
+        drift=sum(errors[:3], Fraction(0)) if is_strapdown(system) else None,
     )
 
 

@@ -122,13 +122,17 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     Raises
     ------
     Refusal
-        If the law reads the accelerometer or couples its axes, or a number is out of range.
+        If the law reads the accelerometer, has a schedule or couples its axes, or a number is out of range.
     """
     law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
     if not law["name"].isprintable() or "'" in law["name"]:
         raise Refusal(f"the law is named {law['name']!r}: the statement quotes the name, so it holds no quote")
     if law["output"] not in (TORQUE, RATES):
         raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
+    if law.get("schedule") is not None:
+        raise Refusal(
+            f"law '{law['name']}' is scheduled on attitude and rates, the proof is about laws without schedule"
+        )
     n = len(law["A"])
     columns = {len(row) for name in "BD" for row in law[name]}
     if columns != {6}:

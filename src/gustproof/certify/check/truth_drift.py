@@ -40,7 +40,7 @@ I. Pinelis, Optimum bounds for the distributions of martingales in Banach spaces
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -82,6 +82,8 @@ class Disturbance(NamedTuple):
     """Number of samples."""
     risk: Fraction
     """[-] probability that the noise leaves the bounds of this theorem."""
+    wrong_rates: Sequence[Fraction] = (Fraction(0),) * 3
+    """(3,) [rad/s] error of the Euler rates that the attitude sums up; 0 for a strapdown law."""
 
 
 class _Noise(NamedTuple):
@@ -156,7 +158,7 @@ def _step_errors(
         + h * gyro_rounding(case, box[i])
         for i in range(3)
     ]
-    kinematics = _kinematic_error(system, case, box, noise, estimate)
+    kinematics = _kinematic_error(system, case, box, noise, estimate, disturbance.wrong_rates)
     twist = size * _norm(quadrature)
     body = [a + b + d + twist for a, b, d in zip(between, kinematics, quadrature, strict=True)]
     # the rotations that these vectors pass: the estimate's, a sample's turn, c, and the noise's of Y
@@ -167,7 +169,9 @@ def _step_errors(
     return held, [round_up(value + random) for value in tilted]
 
 
-def _kinematic_error(system: LoopSystem, case: Case, box: Box, noise: _Noise, estimate: Three) -> Three:
+def _kinematic_error(
+    system: LoopSystem, case: Case, box: Box, noise: _Noise, estimate: Three, wrong_rates: Sequence[Fraction]
+) -> Three:
     """Return a bound of the body vector from the flow of the Euler kinematics to E, in a sample."""
     h = system.dt
     gyro = [row[X1] for row in box]
@@ -177,7 +181,7 @@ def _kinematic_error(system: LoopSystem, case: Case, box: Box, noise: _Noise, es
     base = [h**3 / 12 * value for value in _angles(wide, gyro, change).third]
     off = [h / 2 * e for e in _own_excess(box)]
     at_nodes = [h * value for value in slope_of_T(wide, gyro, off)]
-    own = [a + b + _ROUNDING for a, b in zip(base, at_nodes, strict=True)]
+    own = [a + b + h * c + _ROUNDING for a, b, c in zip(base, at_nodes, wrong_rates, strict=True)]
     # the last node holds the error itself; h/2 times the slope of T is below 1/100
     unit = max(slope_of_T(wide, gyro, [Fraction(1)] * 3))
     if h / 2 * unit > Fraction(1, 100):

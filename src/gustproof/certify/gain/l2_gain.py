@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -18,7 +19,7 @@ from gustproof.certify.gain.parts import Delay, Part, Sector, Slope
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.lti.rational import multiply, to_rational, transpose
-from gustproof.lti.state_space import LinearSystem, Matrix, as_continuous, as_lti, gain, lft
+from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti, gain, lft
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import (
     Uncertain,
@@ -31,8 +32,10 @@ from gustproof.model.lft import (
     ultidyn,
 )
 from gustproof.model.rotational import Envelope, rotation, uncertain_airframe
-from gustproof.model.uncertainty import RealBlock
+from gustproof.model.uncertainty import RealBlock, rows
 
+_SAME_RANGE = 1e-9
+"""[-] relative difference of ranges that counts as rounding."""
 _DECAY = 1e-9
 """[rad/s] least decay of a loop that counts as stable, above rounding."""
 _SATURATION_POLES = (3.0,)
@@ -43,7 +46,7 @@ _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 
 def certify_gain(
     problem: Interconnection,
-    controller: LinearSystem,
+    controller: LinearSystem | Uncertain,
     *,
     angle: float,
     rate: float,
@@ -65,7 +68,8 @@ def certify_gain(
     problem
         From `torque_problem`: its block "airframe" gives inertia, leak and damping.
     controller
-        Continuous, `u = K y`; if `scheduled`, its first six states are its estimates of attitude and rates.
+        Continuous, `u = K y`; if `scheduled`, its first six states are its estimates of attitude and rates. Or an LFT
+        in the parameters of `rotation`, as `lpvsyn` returns it: it knows them exactly, within its own ranges.
     angle
         [rad] of the envelope, below pi/2.
     rate
@@ -84,9 +88,10 @@ def certify_gain(
     Raises
     ------
     ValueError
-        If the envelope is invalid, the design commands rates, has a reference or an accelerometer, the controller is
-        discrete, or the loop is unstable at hover. With infinite `saturation` also if plant or controller is not
-        stable alone: the loop then has no gain, and `certify_boundedness` states what holds within a bounded moment.
+        If the envelope is invalid, the design commands rates, has a reference or an accelerometer, or the loop is
+        unstable at hover. If the controller is discrete, or scheduled on smaller ranges. With infinite `saturation`
+        also if plant or controller is not stable alone: the loop then has no gain, and `certify_boundedness` states
+        what holds within a bounded moment.
 
     Examples
     --------
@@ -120,7 +125,7 @@ def certify_gain(
             **_describe_delay(delay),
             "angle_rad": angle,
             "rate_rad_s": rate,
-            "rho": f"{rho}; exact in the controller" if scheduled else rho,
+            "rho": f"{rho}; exact in the controller" if scheduled or isinstance(controller, Uncertain) else rho,
             "horizon_s": None,
             "noise": "part of w, square integrable",
         },
@@ -337,7 +342,7 @@ def _first_proven(candidates: Sequence[float], evidence: dict[str, Any]) -> tupl
 
 def attitude_loop(
     problem: Interconnection,
-    controller: LinearSystem,
+    controller: LinearSystem | Uncertain,
     envelope: Envelope,
     *,
     scheduled: bool,
@@ -351,6 +356,8 @@ def attitude_loop(
     P = attitude_plant(problem, envelope)
     if delay is not None or saturation is not None:
         P = P @ append(np.eye(P.n_inputs - problem.n_con), _command_path(problem.n_con, delay, saturation))
+    if isinstance(controller, Uncertain):
+        return star(P, _within_envelope(controller, P), controller.n_inputs, controller.n_outputs)
     K = as_continuous("the controller", controller)
     if not scheduled:
         return close_loop(P, K)
@@ -358,6 +365,31 @@ def attitude_loop(
     excess = (dynamics + -dynamics.nominal_system().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
+
+
+def _within_envelope(K: Uncertain, P: Uncertain) -> Uncertain:
+    """Return a scheduled controller with its parameters normalised to the plant's ranges, about 0 as its own.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is none of the plant's, or has a smaller range: there the controller holds it.
+    """
+    known = {block.name: block for block in P.blocks if isinstance(block, RealBlock)}
+    blocks, shares = [], [1.0] * K.M.n_inputs
+    for block, at in zip(K.blocks, rows(K.blocks), strict=True):
+        plant = known.get(block.name)
+        if plant is None or not isinstance(block, RealBlock):
+            raise ValueError(f"the controller's block '{block.name}' is no parameter of the plant")
+        share = plant.high / block.high
+        if share > 1.0 + _SAME_RANGE:
+            ends = f"up to {block.high:.6g}, the envelope is {plant.high:.6g}"
+            raise ValueError(f"the controller is scheduled on '{block.name}' {ends}")
+        blocks.append(replace(plant, repeats=block.repeats))
+        shares[at] = [share] * block.repeats
+    M = K.M
+    scale = np.array(shares)
+    return Uncertain(M=Lti(A=M.A, B=M.B * scale, C=M.C, D=M.D * scale, dt=M.dt), blocks=tuple(blocks))
 
 
 def attitude_plant(problem: Interconnection, envelope: Envelope) -> Uncertain:

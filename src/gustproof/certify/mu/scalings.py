@@ -5,6 +5,7 @@ scalings alone, by eigenvalues.
 """
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -285,11 +286,11 @@ def _improve(
 
 def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> Matrix:
     """Return the minimiser of `weight y[-1] - sum log det (offset + y . barrier)`, by damped Newton steps."""
+    roots = _roots(y, offsets, barriers)
     for _ in range(_NEWTON_STEPS):
         gradient, hessian = np.zeros(y.size), np.zeros((y.size, y.size))
         gradient[-1] = weight
-        for offset, barrier in zip(offsets, barriers, strict=True):
-            root = np.linalg.inv(np.linalg.cholesky(_hermitian_part(offset + np.tensordot(y, barrier, 1))))
+        for root, barrier in zip(map(np.linalg.inv, roots), barriers, strict=True):
             scaled = np.asarray(root @ barrier @ root.conj().T).reshape(y.size, -1)
             gradient -= scaled[:, :: root.shape[0] + 1].real.sum(axis=1)
             hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
@@ -299,17 +300,34 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
         step = -scipy.linalg.cho_solve(factor, gradient / diagonal) / diagonal
         decrement = math.sqrt(max(-float(gradient @ step), 0.0))
         length = 1.0 / (1.0 + decrement) if decrement > 0.25 else 1.0
-        while length > 1e-6 and not all(
-            _is_positive(offset + np.tensordot(y + length * step, barrier, 1))
-            for offset, barrier in zip(offsets, barriers, strict=True)
-        ):
-            length *= 0.5
-        if length <= 1e-6:
+        inside = _move_inside(y, length, step, offsets, barriers)
+        if inside is None:
             break
-        y = y + length * step
+        y, roots = inside
         if decrement < 0.1:
             break
     return y
+
+
+def _roots(y: Matrix, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]) -> list[ComplexMatrix]:
+    """Return Cholesky's factors of `offset + y . barrier`; raises `LinAlgError` outside the barriers."""
+    points = [
+        offset + np.dot(y[None], barrier.reshape(y.size, -1)).reshape(offset.shape)
+        for offset, barrier in zip(offsets, barriers, strict=True)
+    ]
+    return [np.asarray(np.linalg.cholesky(_hermitian_part(point)), dtype=complex) for point in points]
+
+
+def _move_inside(
+    y: Matrix, length: float, step: Matrix, offsets: list[ComplexMatrix], barriers: list[ComplexMatrix]
+) -> tuple[Matrix, list[ComplexMatrix]] | None:
+    """Return `y` moved by `length` of `step`, halved until it is inside the barriers, and its factors there."""
+    while length > 1e-6:
+        near = y + length * step
+        with suppress(np.linalg.LinAlgError):
+            return near, _roots(near, offsets, barriers)
+        length *= 0.5
+    return None
 
 
 def _coordinates(basis: _Basis, scalings: Scalings) -> Matrix:
@@ -320,14 +338,6 @@ def _coordinates(basis: _Basis, scalings: Scalings) -> Matrix:
         inner = np.sum((directions.conj() * value).real, axis=(1, 2))
         projections += np.divide(inner, size, out=np.zeros_like(size), where=size > 0.0)
     return projections
-
-
-def _is_positive(matrix: ComplexMatrix) -> bool:
-    try:
-        np.linalg.cholesky(_hermitian_part(matrix))
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def _hermitian_part(matrix: ComplexMatrix) -> ComplexMatrix:

@@ -23,6 +23,8 @@ _BATCH = 8192
 """Cells at a time."""
 _MOST_CELLS = 200_000
 """Cells for |s| <= 1, and for the others: a third of a second. A proof that is possible takes a few thousand."""
+_ROUNDS = 14
+"""Halvings of a band that may prove it."""
 _LOWEST = 1e-7
 """[-] end of the first cell of s; the others grow from here to 1 by `_GROWTH`."""
 _GROWTH = 1.25
@@ -80,6 +82,29 @@ def is_proven(loop: AxisLoop, box: ParameterBox, *, peak: float = math.inf) -> b
     return True
 
 
+def proven_bands(loop: AxisLoop, box: ParameterBox, omega: Matrix, peaks: Matrix) -> np.ndarray:
+    """Return for each band whether every member of the box is proved to keep its sensitivity below the band's peak.
+
+    Bands lie between successive `omega` (k + 1,) [rad/s], below the Nyquist frequency; `peaks` (k,) [-]. With an
+    infinite peak no member has a pole on the band. False means not proved within `_ROUNDS` halvings.
+    """
+    s = np.tan(0.5 * loop.dt * omega)
+    proven = np.zeros(len(peaks), dtype=bool)
+    for reverse in (False, True):  # |s| <= 1, then 1 / s
+        band = np.flatnonzero((s[1:] > 1.0) == reverse)
+        low, high = (1.0 / s[band + 1], 1.0 / s[band]) if reverse else (s[band], s[band + 1])
+        cells = _Cells(low, high, np.full(band.size, box.lag[0]), np.full(band.size, box.lag[1]))
+        proven[band] = True
+        for _ in range(_ROUNDS):
+            if not 0 < band.size <= _BATCH:
+                break
+            done, by_frequency = _examine(loop, box, 1.0 / peaks[band], cells, reverse)
+            band = np.tile(band[~done], 2)
+            cells = next(iter(_halve(cells.take(~done), by_frequency[~done])), cells)
+        proven[band] = False
+    return proven
+
+
 def _halve(cells: _Cells, by_frequency: np.ndarray) -> list[_Cells]:
     """Return both halves of each cell, along its frequencies or its lags, in batches."""
     low, high, lag_low, lag_high = cells
@@ -91,7 +116,7 @@ def _halve(cells: _Cells, by_frequency: np.ndarray) -> list[_Cells]:
 
 
 def _examine(
-    loop: AxisLoop, box: ParameterBox, clearance: float, cells: _Cells, reverse: bool
+    loop: AxisLoop, box: ParameterBox, clearance: float | Matrix, cells: _Cells, reverse: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which cells are proved, and where the frequencies widen the discs more than the lags do."""
     f0, f1 = _enclose(loop, cells, reverse)

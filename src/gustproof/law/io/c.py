@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
-from gustproof.law.form import GYRO_REFERENCE_SIZE, Law, Output
+from gustproof.law.form import ANGLES, BODY_RATES, GYRO_REFERENCE_SIZE, Law, Output, Schedule
 from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, single_number, split
-from gustproof.law.step import MEASURED_SIZE, step
+from gustproof.law.step import MEASURED_SIZE, schedule_factor, step
 from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -170,7 +170,7 @@ def c_name(name: str) -> str:
 
 def _source(writer: "_Writer", words: dict[str, str]) -> str:
     law = writer.law
-    kind = "Scheduled with the exact kinematics of its own attitude estimate." if law.is_scheduled else "Linear."
+    kind = _kind(law)
     if writer.attitude is Attitude.AUTOPILOT:
         kind += " After each step its attitude becomes the autopilot's."
     if law.rate_limit is not None:
@@ -179,15 +179,17 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
     turns = law.is_scheduled or law.rate_limit is not None or law.uses_accelerometer
     if writer.single is None:
         made += " The arithmetic equals the flown law's to the bit."
-        parts = {"sin_cos": turns, "euler_rates": law.is_scheduled}
+        is_exact = bool(np.any(law.G))
+        parts = {"absolute": is_exact or law.uses_accelerometer, "sin_cos": turns, "euler_rates": is_exact}
     else:
         made += " In single precision; sums of slow states carry a second float."
         parts = {
             "wide_sum": bool(writer.single.wide),
             "sin_versine": turns,
-            "euler_excess": law.is_scheduled,
-            "sin_cos_single": law.rate_limit is not None,
+            "euler_excess": bool(np.any(law.G)),
+            "sin_cos_single": law.rate_limit is not None or law.schedule is not None,
         }
+    parts |= {"half_tangent": writer.reads_angles}
     parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
     functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed)
     prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
@@ -208,6 +210,12 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
         },
     )
+
+
+def _kind(law: Law) -> str:
+    if law.schedule is not None:
+        return f"Scheduled on {', '.join(dict.fromkeys(law.schedule.parameters))}: its estimate, its gyro."
+    return "Scheduled with the exact kinematics of its own attitude estimate." if np.any(law.G) else "Linear."
 
 
 def _header(writer: "_Writer", words: dict[str, str]) -> str:
@@ -325,6 +333,12 @@ class _Writer(NamedTuple):
         return inputs_of(self.law) + 3 * (self.attitude is Attitude.AUTOPILOT)
 
     @property
+    def reads_angles(self) -> bool:
+        """True if an estimated angle is a parameter of its schedule."""
+        schedule = self.law.schedule
+        return schedule is not None and not set(ANGLES).isdisjoint(schedule.parameters)
+
+    @property
     def rows(self) -> int:
         """Count of states; C has no empty arrays, so a static law gets one unused state."""
         return max(self.law.order + (0 if self.single is None else len(self.single.wide)), 1)
@@ -399,6 +413,10 @@ class _Writer(NamedTuple):
         parts = [
             "/* roll and pitch by gravity */\ndouble tilt[2];\ntilt_of(y + 6, x, tilt);\n"
         ] * law.uses_accelerometer
+        P, Q = none[:, :0], np.zeros((n, 0))
+        if law.schedule is not None:
+            parts += self._schedule(law.schedule, names)
+            P, Q = law.schedule.P, law.schedule.Q
         if limit is not None:
             parts += [
                 "/* rates commanded from attitude, and what is over their limits */",
@@ -408,20 +426,50 @@ class _Writer(NamedTuple):
                 *self._sums("s", np.hstack([limit.S, limit.T]), names),
                 "rate_excess(x, s, rate_limits, attitude_limits, over);\n",
             ]
-        U, V = (np.zeros((3, 0)), np.zeros((n, 0))) if limit is None else (limit.U, limit.V)
+        U, V = (none[:, :3], np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
         parts += [
             f"/* command about each axis, before and within its limit */\n{real} u[3];",
-            *self._sums("u", np.hstack([law.C, law.D, none, U]), names),
+            *self._sums("u", np.hstack([law.C, law.D, none, U, P]), names),
             *(f"command[{i}] = limited(u[{i}], {self.number(bound)});" for i, bound in enumerate(law.limits.tolist())),
         ]
         if np.any(law.H):
             parts.append(f"const {real} excess[3] = {{command[0] - u[0], command[1] - u[1], command[2] - u[2]}};")
-        if law.is_scheduled:
+        if np.any(law.G):
             parts.append(f"\n{real} rates[3];\n{'euler_rates' if self.single is None else 'euler_excess'}(x, rates);")
         if n:
             A = law.A if self.single is None else self.single.A
-            parts += self._next(np.hstack([A, law.B, law.G, law.H, V]), names)
+            parts += self._next(np.hstack([A, law.B, law.G, law.H, V, Q]), names)
         return parts
+
+    def _schedule(self, schedule: Schedule, names: list[str]) -> Iterator[str]:
+        """Yield the outputs of a schedule: its equation, eliminated without pivots as in `gustproof.law.step`."""
+        k, real, number = len(schedule.parameters), "double" if self.single is None else "float", self.number
+        yield "/* each parameter as a share of its limit, and the inputs of the schedule */"
+        yield f"{real} share[{k}], turned[{k}];"
+        sources = dict(zip((*ANGLES, *BODY_RATES), ("x[0]", "x[1]", "y[0]", "y[1]", "y[2]"), strict=True))
+        for i, (name, limit) in enumerate(zip(schedule.parameters, schedule.limits.tolist(), strict=True)):
+            function, factor = "half_tangent" if name in ANGLES else "limited", schedule_factor(name, limit)
+            yield f"share[{i}] = {function}({sources[name]}, {number(limit)}) * {number(factor)};"
+        yield from self._sums("turned", np.hstack([schedule.J, schedule.K]), names)
+        yield f"/* its outputs, by elimination */\n{real} rest[{k}][{k}]{', factor' * (k > 1)};"
+        for i, row in enumerate(schedule.L.tolist()):
+            yield f"turned[{i}] = share[{i}] * turned[{i}];"
+            for j, value in enumerate(row):
+                sign, one = "-" if value >= 0.0 else "+", number(float(i == j))
+                yield f"rest[{i}][{j}] = {one} {sign} share[{i}] * {number(abs(value))};"
+        yield from self._elimination(k)
+        yield ""
+
+    @staticmethod
+    def _elimination(k: int) -> Iterator[str]:
+        for c in range(k):
+            for i in range(c + 1, k):
+                yield f"factor = rest[{i}][{c}] / rest[{c}][{c}];"
+                yield from (f"rest[{i}][{j}] -= factor * rest[{c}][{j}];" for j in range(c + 1, k))
+                yield f"turned[{i}] -= factor * turned[{c}];"
+        for i in range(k - 1, -1, -1):
+            yield from (f"turned[{i}] -= rest[{i}][{j}] * turned[{j}];" for j in range(i + 1, k))
+            yield f"turned[{i}] /= rest[{i}][{i}];"
 
     def filled(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
         """Return a part of a library, empty if it is none; `lanes` are in double precision alone."""
@@ -440,7 +488,8 @@ class _Writer(NamedTuple):
         law, lines = self.law, self._step()
         text = re.sub(r"\b(x|y|command)\[(\d+)\]", r"\1[\2][w]", "\n".join(lines))
         text = re.sub(r"\b(rate_excess|euler_rates)\(x,", r"\1(own,", text).replace("(y + 6, x,", "(force, own,")
-        first = [f"const double own[6] = {{{', '.join(f'x[{i}][w]' for i in range(6))}}};"] * law.is_scheduled
+        reads_own = bool(np.any(law.G)) or law.rate_limit is not None or law.uses_accelerometer
+        first = [f"const double own[6] = {{{', '.join(f'x[{i}][w]' for i in range(6))}}};"] * reads_own
         force = ", ".join(f"y[{i}][w]" for i in range(6, 9))
         first += [f"const double force[3] = {{{force}}};"] * law.uses_accelerometer
         return indent("\n".join([*first, text, *(f"x[{i}][w] = next[{i}];" for i in range(law.order))]), 8 * " ")
@@ -454,6 +503,7 @@ class _Writer(NamedTuple):
             "rates": 3,
             "excess": 3,
             "over": 3,
+            "turned": 0 if law.schedule is None else len(law.schedule.parameters),
         }
         return [f"{array}[{i}]" for array, size in sizes.items() for i in range(size)]
 
@@ -478,7 +528,7 @@ class _Writer(NamedTuple):
         for j, (value, name) in enumerate(zip(row.tolist(), names, strict=False)):
             if not value or (j == i and own == 1.0):
                 continue
-            if abs(value) == 1.0 or name.startswith(("rates", "excess", "over")):
+            if abs(value) == 1.0 or name.startswith(("rates", "excess", "over", "turned")):
                 yield f"add(sum, {_term(value, name, self.number).removeprefix('+' + _NBSP).replace(_NBSP, ' ')});"
             else:
                 yield _product(value, name, self.number)

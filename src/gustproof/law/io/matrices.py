@@ -3,7 +3,7 @@
 Either holds A, B, C, D, G, H, limits, and the metadata dt, name, output, provenance. To read one, A, B, C, D and dt
 are enough. B and D may have the gyro's three columns alone, six with the reference, or eight with roll and pitch by
 gravity. Defaults are G = 0, H = 0, no limits, torque. A law that limits the rate commanded from attitude also has S, T,
-U, V and rate_limits.
+U, V and rate_limits. A scheduled one has J, K, L, P, Q and schedule_limits, and the metadata parameters.
 """
 
 import json
@@ -17,19 +17,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
 from firmware_model.config.validation import sanitize_line
 from gustproof.errors import LawFileError
-from gustproof.law.form import Law, Output, Provenance, RateLimit, load_law
+from gustproof.law.form import SCHEDULE_MATRICES, Law, Output, Provenance, RateLimit, Schedule, load_law
 
 _REQUIRED = ("A", "B", "C", "D")
 _RATE_MATRICES = ("S", "T", "U", "V")
-_TABLES = (*_REQUIRED, "G", "H", "limits", *_RATE_MATRICES, "rate_limits")
+_TABLES = (
+    *(*_REQUIRED, "G", "H", "limits", *_RATE_MATRICES, "rate_limits"),
+    *(*SCHEDULE_MATRICES, "schedule_limits"),
+)
 _METADATA_FILE = "facts.json"
-_IN_MAT = (*_TABLES, "dt", "name", "output", "provenance")
+_METADATA = ("dt", "name", "output", "provenance", "parameters")
+_IN_MAT = (*_TABLES, *_METADATA)
 _CLASSES = {
     "double",
     "single",
@@ -73,6 +76,8 @@ def save_mat(law: Law, path: Path) -> None:
     ...     load_mat(Path(folder) / "law.mat").name
     'pid-fair'
     """
+    import scipy.io  # here and below: each command reads a law, few a MATLAB file
+
     scipy.io.savemat(path, _tables(law) | _metadata(law), appendmat=False)
 
 
@@ -94,6 +99,8 @@ def load_mat(path: Path) -> Law:
     ...     load_mat(Path(folder) / "law.mat").order
     9
     """
+    import scipy.io
+
     try:
         file: Any = BytesIO(_unpacked(read_bytes(path, TEXT)))
         for name, shape, kind in scipy.io.whosmat(file):
@@ -104,7 +111,7 @@ def load_mat(path: Path) -> Law:
         raise LawFileError(f"{path}: {error.strerror or error}") from None
     except Exception as error:  # scipy raises anything at damaged bytes
         raise LawFileError(f"{path}: not a MATLAB file of version 5 to 7.2: {sanitize_line(str(error))}") from None
-    metadata = {name: content[name].reshape(-1) for name in ("dt", "name", "output", "provenance") if name in content}
+    metadata = {name: content[name].reshape(-1) for name in _METADATA if name in content}
     return _build_law(path, content, {name: values[0].item() for name, values in metadata.items() if len(values)})
 
 
@@ -167,12 +174,16 @@ def _tables(law: Law) -> dict[str, Matrix]:
     if law.rate_limit is not None:
         tables |= {name: getattr(law.rate_limit, name) for name in _RATE_MATRICES}
         tables["rate_limits"] = law.rate_limit.limits
+    if law.schedule is not None:
+        tables |= {name: getattr(law.schedule, name) for name in SCHEDULE_MATRICES}
+        tables["schedule_limits"] = law.schedule.limits
     return tables
 
 
 def _metadata(law: Law) -> dict[str, Any]:
     provenance = json.dumps(asdict(law.provenance), ensure_ascii=False)
-    return {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
+    metadata = {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
+    return metadata if law.schedule is None else {**metadata, "parameters": " ".join(law.schedule.parameters)}
 
 
 def _build_law(path: Path, tables: Mapping[str, Any], metadata: Mapping[str, Any]) -> Law:
@@ -197,19 +208,35 @@ def _build_law(path: Path, tables: Mapping[str, Any], metadata: Mapping[str, Any
             limits=matrices.get("limits", np.full(3, _NO_LIMIT)).reshape(-1),
             output=Output(metadata.get("output", Output.TORQUE.value)),
             provenance=Provenance(**provenance), rate_limit=_rate_limit(matrices),
+            schedule=_schedule(matrices, str(metadata.get("parameters", "")).split()),
         )  # fmt: skip
     except (ValueError, TypeError) as error:
         raise LawFileError(f"{path}: {sanitize_line(str(error))}") from None
 
 
 def _rate_limit(matrices: Mapping[str, Matrix]) -> RateLimit | None:
-    names = (*_RATE_MATRICES, "rate_limits")
+    part = _part(matrices, (*_RATE_MATRICES, "rate_limits"), "a limit of the rate")
+    if part is None:
+        return None
+    S, T, U, V, limits = part
+    return RateLimit(S=S, T=_pad_reference(T), U=U, V=V, limits=limits.reshape(-1))
+
+
+def _schedule(matrices: Mapping[str, Matrix], parameters: list[str]) -> Schedule | None:
+    part = _part(matrices, (*SCHEDULE_MATRICES, "schedule_limits"), "a schedule")
+    if part is None:
+        return None
+    J, K, L, P, Q, limits = part
+    return Schedule(parameters=tuple(parameters), J=J, K=_pad_reference(K), L=L, P=P, Q=Q, limits=limits.reshape(-1))
+
+
+def _part(matrices: Mapping[str, Matrix], names: tuple[str, ...], what: str) -> list[Matrix] | None:
+    """Return the matrices of an optional part of a law; `None` without any."""
     if missing := [name for name in names if name not in matrices]:
         if len(missing) < len(names):
-            raise ValueError(f"{missing[0]}: missing, a limit of the rate has {', '.join(names)}")
+            raise ValueError(f"{missing[0]}: missing, {what} has {', '.join(names)}")
         return None
-    S, T, U, V, limits = (matrices[name] for name in names)
-    return RateLimit(S=S, T=_pad_reference(T), U=U, V=V, limits=limits.reshape(-1))
+    return [matrices[name] for name in names]
 
 
 def _pad_reference(matrix: Matrix) -> Matrix:

@@ -1,8 +1,3 @@
-static double absolute(double x)
-{
-    return x < 0.0 ? -x : x;
-}
-
 /* Cody and Waite's reduction, then minimax polynomials (Sun Microsystems, fdlibm, k_sin.c and k_cos.c). */
 static void sin_cos(double x, double *sine, double *cosine)
 {

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gustproof.law.form import Law
+from gustproof.law.form import ANGLES, BODY_RATES, Law, Schedule
+from gustproof.law.step import schedule_factor
 
 Array = NDArray[Any]
 _F = np.float32
@@ -69,12 +70,15 @@ class SingleLaw:
             if limit is not None:
                 s = _sums(np.hstack([limit.S, limit.T]), [*x[:n], *y])
                 over = _rate_excess(x, s, limit.limits.astype(_F), law.attitude_limits.astype(_F))
-            U, V = (np.zeros((3, 0)), np.zeros((n, 0))) if limit is None else (limit.U, limit.V)
-            u = _sums(np.hstack([law.C, law.D, none, U]), [*x[:n], *y, *none[0].astype(_F), *over])
+            U, V = (none[:, :3], np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
+            P, Q, turned = none[:, :0], V[:, :0], over[:0]
+            if law.schedule is not None:
+                P, Q, turned = law.schedule.P, law.schedule.Q, _turned(law.schedule, x[:n], y)
+            u = _sums(np.hstack([law.C, law.D, none, U, P]), [*x[:n], *y, *none[0].astype(_F), *over, *turned])
             command = _limited(u, law.limits.astype(_F))
             rates = euler_excess(x) if law.is_scheduled else np.zeros(3, dtype=_F)
-            values = [*x[:n], *y, *rates, *(command - u), *over]
-            matrix = np.hstack([self.A, law.B, law.G, law.H, V])
+            values = [*x[:n], *y, *rates, *(command - u), *over, *turned]
+            matrix = np.hstack([self.A, law.B, law.G, law.H, V, Q])
             after = np.concatenate([_sums(matrix, values), np.zeros(len(self.wide), dtype=_F)])
             for k, i in enumerate(self.wide):
                 after[i], after[n + k] = _wide_sum(matrix[i], values, i, x[n + k], exact=n + 6)
@@ -133,6 +137,31 @@ def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:
         ],
         dtype=_F,
     )
+
+
+def _turned(schedule: Schedule, x: Array, y: Array) -> Array:
+    """Return the outputs of a schedule, by elimination without pivots."""
+    k = len(schedule.parameters)
+    sources = dict(zip((*ANGLES, *BODY_RATES), (x[0], x[1], *y[:3]), strict=True))
+    share = np.zeros(k, dtype=_F)
+    for i, (name, limit) in enumerate(zip(schedule.parameters, schedule.limits.tolist(), strict=True)):
+        within = min(max(sources[name], -_F(limit)), _F(limit))
+        if name in ANGLES:
+            sine, flat = sin_versine(within)
+            within = sine / (_F(1.0) + (_F(1.0) - flat))
+        share[i] = within * _F(schedule_factor(name, limit))
+    w = share * _sums(np.hstack([schedule.J, schedule.K]), [*x, *y])
+    m = np.eye(k, dtype=_F) - share[:, None] * schedule.L.astype(_F)
+    for c in range(k):
+        for i in range(c + 1, k):
+            factor = m[i, c] / m[c, c]
+            m[i, c + 1 :] -= factor * m[c, c + 1 :]
+            w[i] -= factor * w[c]
+    for i in range(k - 1, -1, -1):
+        for j in range(i + 1, k):
+            w[i] -= m[i, j] * w[j]
+        w[i] /= m[i, i]
+    return w
 
 
 def _floor(x: Any) -> Any:

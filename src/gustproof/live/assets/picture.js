@@ -51,8 +51,8 @@ const ROTORS = [[1, 1], [-1, -1], [1, -1], [-1, 1]].map(([x, y]) => [x * ARM * M
 const CIRCLE = Array.from({ length: 25 }, (_, i) => [Math.cos((i * Math.PI) / 12), Math.sin((i * Math.PI) / 12)]);
 export const camera = { azimuth: -0.5, elevation: 0.38 };
 
-// q: q_NB; wind_N: [m/s], or null
-export function drawVehicle(canvas, q, wind_N) {
+// q: q_NB; wind_N: [m/s], or null; other: q_NB of another flight, drawn as outlines, or null
+export function drawVehicle(canvas, q, wind_N, other) {
   const [g, width, height] = fresh(canvas);
   const size = Math.min(width / 3.6, height / 2.7), ca = Math.cos(camera.azimuth), sa = Math.sin(camera.azimuth);
   const ce = Math.cos(camera.elevation), se = Math.sin(camera.elevation);
@@ -101,6 +101,14 @@ export function drawVehicle(canvas, q, wind_N) {
     g.lineWidth = 1.5;
     g.stroke();
   });
+  if (other) {
+    g.setLineDash([4, 3]);
+    for (const rotor of ROTORS) {
+      line([rotate(other, [0, 0, 0]), rotate(other, rotor)], colours.muted, 1.5);
+      line(CIRCLE.map(([c, s]) => rotate(other, [rotor[0] + PROP * c, rotor[1] + PROP * s, rotor[2]])), colours.muted, 1.5);
+    }
+    g.setLineDash([]);
+  }
   if (wind_N) drawArrow(g, place, wind_N);
 }
 

@@ -3,21 +3,29 @@ import { camera, colours, drawHorizon, drawVehicle, euler, fresh, magnified, rea
 
 const WINDOW_S = 20, DEGREES = 180 / Math.PI;
 const byId = (id) => document.getElementById(id);
-const rows = { attitude: [], wind: [], torque: [], age: [], angles: [], rates: [] }; // each row: time [s], then its numbers
+const SERIES = ["attitude", "wind", "torque", "age", "angles", "rates"]; // each row: time [s], then its numbers
+// One track a flight of this page, the last one flying; that of `shown.track` is drawn, `against` is behind it.
+const newTrack = (law) => ({ law, rows: Object.fromEntries(SERIES.map((name) => [name, []])) });
+const tracks = [newTrack("")], choice = { track: 0, against: null };
+const MOST_TRACKS = 8;
+const main = () => tracks[choice.track].rows;
+const behind = () => (choice.against === null ? null : tracks[choice.against].rows);
 const facts = {};
 const LEFT = 42; // pixels of a chart's labels
 const cursor = { share: null }; // of the charts' width under the pointer
 const clock = { t: 0, rate: 0, latest: 0, received: 0 };
 // State that is drawn now, for tests of the page.
 const shown = { frames: 0, t: 0, q: null, wind_N: null, updates: 0, changed: true };
-globalThis.gustproof = { rows, facts, shown };
+let settle;
+globalThis.ready = new Promise((settled) => (settle = settled)); // the first rows, or a page that waits, are drawn
+globalThis.gustproof = { tracks, choice, facts, shown, get rows() { return main(); } };
 
 const CHARTS = [
-  { title: "attitude [deg]", rows: rows.angles, names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
-  { title: "rates [deg/s]", rows: rows.rates, names: ["p", "q", "r"], least: 2 },
-  { title: "commanded torque [N·m]", rows: rows.torque, names: ["roll", "pitch", "yaw"], least: 0.05 },
-  { title: "wind velocity at the vehicle [m/s]", rows: rows.wind, names: ["north", "east", "down"], least: 0.5 },
-  { title: "command age [ms]", rows: rows.age, names: ["from its timestamp"], least: 8, positive: true },
+  { title: "attitude [deg]", series: "angles", names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
+  { title: "rates [deg/s]", series: "rates", names: ["p", "q", "r"], least: 2 },
+  { title: "commanded torque [N·m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05 },
+  { title: "wind velocity at the vehicle [m/s]", series: "wind", names: ["north", "east", "down"], least: 0.5 },
+  { title: "command age [ms]", series: "age", names: ["from its timestamp"], least: 8, positive: true },
 ].map((chart) => {
   const figure = byId("charts").appendChild(document.createElement("figure"));
   const caption = figure.appendChild(document.createElement("figcaption"));
@@ -61,7 +69,7 @@ function valueAt(list, t) {
   return a.slice(1).map((value, i) => (value === null || b[i + 1] === null ? null : value + share * (b[i + 1] - value)));
 }
 
-function attitudeAt(t) {
+function attitudeAt(rows, t) {
   const numbers = valueAt(rows.attitude, t);
   if (!numbers) return null;
   const length = Math.hypot(...numbers.slice(0, 4));
@@ -70,6 +78,8 @@ function attitudeAt(t) {
 
 function applyUpdate(update) {
   shown.updates += 1;
+  if (update.flight) beginTrack();
+  const rows = tracks.at(-1).rows;
   for (const name of ["attitude", "wind", "torque", "age"]) for (const row of update[name] ?? []) rows[name].push(row);
   let last = rows.angles.at(-1);
   for (const [t, w, x, y, z, p, q, r] of update.attitude ?? []) {
@@ -87,9 +97,42 @@ function applyUpdate(update) {
   }
   if (update.facts) {
     Object.assign(facts, update.facts);
+    tracks.at(-1).law = facts.law;
     showFacts();
+    showTracks();
   }
   shown.changed = true;
+}
+
+// Another flight begins: it is drawn before the one that was shown until now.
+function beginTrack() {
+  if (tracks.length === MOST_TRACKS) {
+    tracks.shift();
+    choice.track = Math.max(choice.track - 1, 0);
+  }
+  tracks.push(newTrack(facts.law));
+  choice.against = choice.track;
+  choice.track = tracks.length - 1;
+  Object.assign(clock, { t: 0, rate: 0, latest: 0, received: 0 });
+  for (const chart of CHARTS) chart.span = chart.least;
+}
+
+// The two choices of a flight: the one that is drawn, and the one behind it.
+function showTracks() {
+  const names = tracks.map(({ law }, i) => `${i + 1}: ${law}`);
+  byId("compare").hidden = tracks.length < 2;
+  for (const [id, chosen, options] of [["track", choice.track, names], ["against", choice.against ?? "", names]]) {
+    const empty = id === "against" ? [["", "none"]] : [];
+    byId(id).replaceChildren(...[...empty, ...options.map((name, i) => [String(i), name])].map(([value, text]) => new Option(text, value)));
+    byId(id).value = String(chosen);
+  }
+}
+
+function choose(track, against) {
+  Object.assign(choice, { track, against: against === track ? null : against });
+  if (facts.phase === "over") clock.latest = clock.t = main().attitude.at(-1)?.[0] ?? 0;
+  shown.changed = true;
+  showTracks();
 }
 
 // Advance the clock of the picture: it follows the newest sample at the flight's own speed, slightly delayed.
@@ -128,12 +171,14 @@ function trace(g, list, k, first, last, every, x, y) {
 }
 
 function drawStrip(chart, from, to) {
-  const [g, width, height] = fresh(chart.canvas), list = chart.rows, left = LEFT, bottom = height - 16;
+  const [g, width, height] = fresh(chart.canvas), list = main()[chart.series], other = behind()?.[chart.series] ?? [], left = LEFT, bottom = height - 16;
   const first = Math.max(indexAt(list, from) - 1, 0), last = Math.min(indexAt(list, to) + 1, list.length);
   const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
   const columns = chart.names.map((_, i) => i + 1);
   let largest = chart.least;
+  const begin = Math.max(indexAt(other, from) - 1, 0), end = Math.min(indexAt(other, to) + 1, other.length);
   for (let i = first; i < last; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
+  for (let i = begin; i < end; i++) for (const k of columns) largest = Math.max(largest, Math.abs(other[i][k]));
   chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
   const span = 1.08 * chart.span, low = chart.positive ? 0 : -span;
   const y = (value) => (bottom * (span - value)) / (span - low), step = niceStep((span - low) / (chart.positive ? 2.2 : 4.4));
@@ -166,6 +211,11 @@ function drawStrip(chart, from, to) {
   g.lineWidth = 1;
   for (const k of columns) {
     g.strokeStyle = colours[`c${k - 1}`];
+    g.globalAlpha = 0.45;
+    g.setLineDash([4, 3]);
+    trace(g, other, k, begin, end, every, x, y);
+    g.globalAlpha = 1;
+    g.setLineDash([]);
     trace(g, list, k, first, last, every, x, y);
   }
   g.restore();
@@ -179,7 +229,7 @@ function drawBehind(g, chart, x, y, bottom) {
     g.fillRect(x(from_s), 0, Math.max(x(to_s) - x(from_s), 1.5), bottom);
   }
   g.globalAlpha = 1;
-  const limits = facts.limits?.[chart.rows === rows.angles ? "angles" : chart.rows === rows.torque ? "torque" : ""] ?? [];
+  const limits = facts.limits?.[chart.series] ?? [];
   g.setLineDash([3, 3]);
   for (const { axis, value, from_s, to_s } of limits) {
     g.strokeStyle = axis === null ? colours.limit : colours[`c${axis}`];
@@ -199,7 +249,7 @@ function drawBehind(g, chart, x, y, bottom) {
 // Values at the cursor, or the newest.
 function tellValues(chart, from, to) {
   const t = cursor.share === null || cursor.share < 0 ? to : from + cursor.share * (to - from);
-  const values = valueAt(chart.rows, Math.min(t, clock.latest)) ?? [];
+  const values = valueAt(main()[chart.series], Math.min(t, clock.latest)) ?? [];
   chart.values.forEach((place, i) => { place.textContent = values[i] == null ? "–" : values[i].toPrecision(3).replace("-", "−"); });
 }
 
@@ -213,11 +263,14 @@ function draw(milliseconds) {
   tick(performance.now() / 1000, dt);
   if (clock.t !== before || shown.changed) {
     shown.changed = false;
-    shown.t = clock.t;
-    shown.q = attitudeAt(clock.t) ?? [1, 0, 0, 0];
-    shown.wind_N = valueAt(rows.wind, clock.t);
-    const drawn = magnified(shown.q, Number(byId("magnify").value));
-    drawVehicle(byId("vehicle"), drawn, shown.wind_N);
+    // after the landing the pictures are those of the time under the pointer
+    const pointed = facts.phase === "over" && cursor.share !== null && cursor.share >= 0;
+    shown.t = pointed ? Math.min(cursor.share, 1) * Math.max(clock.latest, 1) : clock.t;
+    shown.q = attitudeAt(main(), shown.t) ?? [1, 0, 0, 0];
+    shown.wind_N = valueAt(main().wind, shown.t);
+    const factor = Number(byId("magnify").value), other = behind() && attitudeAt(behind(), shown.t);
+    const drawn = magnified(shown.q, factor);
+    drawVehicle(byId("vehicle"), drawn, shown.wind_N, other && magnified(other, factor));
     drawHorizon(byId("horizon"), drawn);
     for (const chart of CHARTS) chart.stale = true;
   }
@@ -229,6 +282,7 @@ function draw(milliseconds) {
     drawStrip(chart, over ? 0 : to - WINDOW_S, to);
     tellValues(chart, over ? 0 : to - WINDOW_S, to);
   }
+  if (shown.updates && shown.frames > CHARTS.length) settle();
   if (now - counters.numbersAt > 0.1) {
     counters.numbersAt = now;
     showNumbers();
@@ -244,10 +298,11 @@ function draw(milliseconds) {
 const signed = (value, digits) => (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
 
 function showNumbers() {
+  const rows = main();
   if (rows.attitude.length) {
     const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
     byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°`;
-    byId("clock").textContent = `${clock.t.toFixed(2)} s of ${facts.duration_s} s`;
+    byId("clock").textContent = `${shown.t.toFixed(2)} s of ${facts.duration_s} s`;
   }
   if (rows.age.length) {
     const [, age] = rows.age[Math.min(indexAt(rows.age, clock.t), rows.age.length - 1)];
@@ -267,7 +322,15 @@ function showFacts() {
   const { phase, link } = facts, ready = phase === "ready", over = phase === "over";
   byId("title").textContent = document.title = `${facts.scenario} · ${facts.law}`;
   byId("phase").textContent = over ? facts.message : facts.paused ? "paused" : PHASES[phase];
-  byId("start").disabled = !ready;
+  const mayStart = ready || (over && facts.goes_on);
+  byId("start").disabled = !mayStart;
+  byId("start").textContent = over ? "Fly again" : "Start";
+  byId("choice").hidden = facts.laws.length < 2;
+  byId("laws").disabled = !mayStart;
+  if (byId("laws").options.length !== facts.laws.length) {
+    byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i, false, name === facts.law)));
+  }
+  byId("report").hidden = !(over && facts.has_report && facts.goes_on);
   byId("pause").hidden = facts.real_time;
   byId("pause").disabled = phase !== "flying";
   byId("pause").textContent = facts.paused ? "Resume" : "Pause";
@@ -322,6 +385,10 @@ async function send(name, value) {
 
 byId("start").addEventListener("click", () => send("start", true));
 byId("pause").addEventListener("click", () => send("pause", !facts.paused));
+byId("laws").addEventListener("change", () => send("law", Number(byId("laws").value)));
+for (const id of ["track", "against"]) {
+  byId(id).addEventListener("change", () => choose(Number(byId("track").value), byId("against").value === "" ? null : Number(byId("against").value)));
+}
 byId("gust").addEventListener("input", () => send("gust", Number(byId("gust").value)));
 byId("vehicle").addEventListener("pointermove", (event) => {
   if (!event.buttons) return;
@@ -339,11 +406,12 @@ addEventListener("resize", () => (shown.changed = true));
 const updates = new EventSource("events");
 updates.onmessage = (event) => {
   applyUpdate(JSON.parse(event.data));
-  if (facts.phase === "over") updates.close();
 };
 updates.onerror = () => {
   updates.close();
-  byId("phase").textContent = "connection to gustproof lost";
+  facts.goes_on = false;
+  if (facts.phase === "over") showFacts();
+  else byId("phase").textContent = "connection to gustproof lost";
 };
 readColours();
 requestAnimationFrame(draw);

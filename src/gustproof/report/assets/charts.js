@@ -1,9 +1,11 @@
 "use strict";
 // Charts by uPlot in the colours of the page's theme. Charts of time share zoom and cursor; groups export as PNG.
 const charts = {
-  drawn: [],  // {chart, plot, marker}
+  drawn: [],  // {chart, plot, marker}, in the order of the page
+  waiting: new Map(),  // place -> chart, of those that have not come near the window
   start: 0, end: 1,  // [s] the longest flight
-  shown: [0, 1],  // [s] the zoom
+  shown: [0, 0],  // [s] the zoom
+  time: NaN,  // [s] of the replay
   bands: [],  // {from, to, kind, text} behind all charts of time
   flights: new Set(),  // labels of the page's legend
   hidden: new Set(),
@@ -12,6 +14,7 @@ const charts = {
   onPick() {},
   ofTime() { return this.drawn.filter(({ chart }) => chart.kind === "time"); },
 };
+const isPhone = matchMedia("(max-width: 599px)");
 
 function themed(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
 function colourOf(curve) { return themed(curve.colour === null ? "--c6" : `--c${curve.colour % 7}`); }
@@ -47,7 +50,8 @@ function axisOf(label, k, side) {
     stroke: () => themed("--muted"), font: `${11 * k}px system-ui, sans-serif`, labelFont: `${11 * k}px system-ui, sans-serif`,
     grid: { stroke: () => themed("--grid"), width: k }, ticks: { stroke: () => themed("--line"), width: k, size: 5 * k }, gap: 3 * k,
   };
-  return side === "x" ? { ...axis, label, labelSize: 17 * k, size: 24 * k, space: 60 * k } : { ...axis, size: 58 * k, space: 26 * k };
+  if (side === "x") return { ...axis, label, labelSize: 17 * k, size: 24 * k, space: (isPhone.matches ? 34 : 60) * k };
+  return { ...axis, size: (isPhone.matches ? 40 : 58) * k, space: 26 * k };
 }
 
 // k scales everything, for a picture of higher resolution.
@@ -56,7 +60,7 @@ function optionsOf(chart, width, height, k = 1) {
   const valuesOf = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
   const range = rangesOf(chart), splitsOf = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
   return {
-    width, height, padding: [8 * k, 16 * k, 0, 0],
+    width, height, padding: [8 * k, (isPhone.matches ? 9 : 16) * k, 0, 0],
     scales: { x: { time: false, distr: distrX, asinh: 0.1, ...range.x }, y: { distr: distrY, asinh: 0.1, ...range.y } },
     axes: [[axisOf(chart.x, k, "x"), distrX], [axisOf("", k, "y"), distrY]].map(([axis, distr]) => ({ ...axis, values: valuesOf(distr), ...splitsOf(distr) })),
     series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
@@ -77,7 +81,13 @@ function rangesOf(chart) {
       return low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true);
     } } };
   }
-  if (chart.kind === "decibel") return { y: { range: (_, low, high) => uPlot.rangeNum(Math.max(low, high - 90), high, 0.08, true) } };
+  if (chart.kind === "decibel") {
+    const limits = (chart.marks ?? []).filter(({ y, colour }) => y !== null && colour === null).map(({ y }) => y);
+    return { y: { range: (_, low, high) => {
+      const top = Math.max(high, ...limits.filter((y) => y < high + 12));  // a limit that is nearly reached is in sight
+      return uPlot.rangeNum(Math.max(low, top - 90), top, 0.08, true);
+    } } };
+  }
   if (chart.kind === "frequency") return { y: { range: (_, low, high) => [Math.max(low, high * 1e-6) / 1.4, high * 1.4] } };
   const widest = (_, low, high) => 3 * Math.max(-low, high, 1);
   return { x: { range: (_, low, high) => [-widest(_, low, high), Math.max(3 * high, 0.1)] }, y: { range: (...all) => [-widest(...all), widest(...all)] } };
@@ -117,10 +127,10 @@ function drawBehind(plot, chart, k) {
   ink.clip();
   ink.font = `${10 * ratio}px system-ui, sans-serif`;
   if (chart.kind === "time") charts.bands.forEach((band, i) => drawBand(plot, ink, band, i, ratio));
-  const named = new Set();
+  const named = new Set(), taken = [];
   for (const mark of chart.marks ?? []) {
-    drawMark(plot, ink, mark, ratio, !named.has(`${mark.label}${mark.x}`));
-    named.add(`${mark.label}${mark.x}`);
+    drawMark(plot, ink, mark, ratio, named.has(`${mark.label}${mark.x}${mark.colour}`) ? null : taken);
+    named.add(`${mark.label}${mark.x}${mark.colour}`);
   }
   ink.restore();
 }
@@ -131,7 +141,7 @@ function drawBand(plot, ink, band, i, ratio) {
   ink.fillStyle = ink.strokeStyle = colour;
   ink.globalAlpha = 0.13;
   ink.fillRect(left, top, right - left, height);
-  ink.globalAlpha = 0.8;
+  ink.globalAlpha = charts.bands.length < 27 ? 0.8 : 0.2;
   ink.lineWidth = ratio;
   ink.setLineDash([]);
   ink.beginPath();
@@ -145,7 +155,7 @@ function drawBand(plot, ink, band, i, ratio) {
   if (charts.bands.length < 27) ink.fillText(BAND_LETTERS[i], left + 3 * ratio, top + 2 * ratio);
 }
 
-function drawMark(plot, ink, mark, ratio, named) {
+function drawMark(plot, ink, mark, ratio, taken) {
   const { left, top, width, height } = plot.bbox, upward = mark.y === null;
   const [from, to] = mark.x === null ? [left, left + width] : mark.x.map((x) => plot.valToPos(x, "x", true));
   const y = upward ? 0 : plot.valToPos(mark.y, "y", true);
@@ -156,35 +166,44 @@ function drawMark(plot, ink, mark, ratio, named) {
   ink.moveTo(upward ? from : Math.max(from, left), upward ? top : y);
   ink.lineTo(upward ? from : Math.min(to, left + width), upward ? top + height : y);
   ink.stroke();
-  if (!named) return;
+  if (!taken) return;
   ink.setLineDash([]);
-  if (upward) {
-    ink.textAlign = "left";
-    ink.textBaseline = "bottom";
-    ink.fillText(mark.label, from + 3 * ratio, top + height - 3 * ratio);
-    return;
-  }
-  ink.textAlign = "right";
-  ink.textBaseline = y > top + height / 2 ? "bottom" : "top";
-  ink.fillText(mark.label, Math.min(to, left + width) - 4 * ratio, y + (y > top + height / 2 ? -2 : 2) * ratio);
+  ink.textAlign = "left";
+  ink.textBaseline = "top";
+  const wide = ink.measureText(mark.label).width, line = 11 * ratio, low = y > top + height / 2;
+  const at = upward ? [from + 3 * ratio, top + height - line - 3 * ratio] : [Math.min(to, left + width) - 4 * ratio - wide, y + (low ? -line : 2 * ratio)];
+  ink.fillText(mark.label, ...freePlace(taken, at, wide, line, upward || low ? -1 : 1));
+}
+
+// The first place at or beyond `at`, line by line, whose text covers no other.
+function freePlace(taken, [x, y], wide, line, way) {
+  while (taken.some((other) => Math.abs(other.y - y) < line && x < other.x + other.wide + 4 && other.x < x + wide + 4)) y += way * line;
+  taken.push({ x, y, wide });
+  return [x, y];
 }
 
 const BAND_COLOURS = { gust: "--c5", moment: "--c3", link: "--c4", event: "--c6" };
 const BAND_LETTERS = "abcdefghijklmnopqrstuvwxyz";
 
+// More bands than there are letters stand as one for each text.
 function listBands(list) {
-  charts.bands.forEach(({ from, to, kind, text }, i) => {
+  const lettered = charts.bands.length < 27, kinds = new Map();
+  charts.bands.forEach((band, i) => {
+    const key = lettered ? i : band.text, known = kinds.get(key) ?? { ...band, count: 0 };
+    kinds.set(key, { ...known, from: Math.min(known.from, band.from), to: Math.max(known.to, band.to), count: known.count + 1 });
+  });
+  [...kinds.values()].forEach(({ from, to, kind, text, count }, i) => {
     const item = list.appendChild(document.createElement("li"));
     item.style.setProperty("--chip", `var(${BAND_COLOURS[kind]})`);
-    const letter = charts.bands.length < 27 ? `${BAND_LETTERS[i]} ` : "";
-    item.textContent = `${letter}${text}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
+    const times = count > 1 ? `, ${count} times` : "";
+    item.textContent = `${lettered ? `${BAND_LETTERS[i]} ` : ""}${text}${times}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
   });
 }
 
 // The one legend of the page: the flights, and what is common to them. A press hides or shows a curve in all charts.
 function showLegend(flights) {
   const legend = document.getElementById("legend"), common = new Map();
-  for (const { chart } of charts.drawn) {
+  for (const chart of [...charts.waiting.values(), ...charts.drawn.map((drawn) => drawn.chart)]) {
     for (const curve of chart.curves) if (COMMON.test(curve.label)) common.set(curve.label, curve);
   }
   for (const curve of [...flights, ...common.values()]) {
@@ -256,9 +275,11 @@ function addGroup(section, group) {
   article.className = "group";
   const header = article.appendChild(document.createElement("header"));
   header.appendChild(document.createElement("h3")).textContent = group.title;
-  const button = header.appendChild(document.createElement("button"));
-  Object.assign(button, { type: "button", textContent: "PNG", title: `Save '${group.title}' as a picture` });
-  button.addEventListener("click", () => save(group));
+  for (const [text, what, act] of [["PNG", "a picture", savePicture], ["CSV", "a table of what is shown", saveTable]]) {
+    const button = header.appendChild(document.createElement("button"));
+    Object.assign(button, { type: "button", textContent: text, title: `Save '${group.title}' as ${what}` });
+    button.addEventListener("click", () => act(group));
+  }
   if (group.note) Object.assign(article.appendChild(document.createElement("p")), { className: "note", textContent: group.note });
   groupLegend(article, group);
   const row = article.appendChild(document.createElement("div"));
@@ -269,6 +290,7 @@ function addGroup(section, group) {
   }
 }
 
+// A place of the chart's height; the chart is drawn once it comes near the window.
 function addChart(row, chart) {
   const place = row.appendChild(document.createElement("div"));
   place.className = "chart";
@@ -276,16 +298,50 @@ function addChart(row, chart) {
   title.textContent = chart.title;
   const beyond = [...new Set((chart.marks ?? []).filter(({ y, colour }) => y !== null && colour === null && chart.kind === "time").map(({ label }) => label))];
   if (beyond.length) title.appendChild(document.createElement("small")).textContent = ` ${beyond.join(", ")}`;
-  const height = row.classList.contains("tall") ? 190 : chart.kind === "time" ? 150 : 220;
-  const plot = new uPlot(optionsOf(chart, Math.max(place.clientWidth, 200), height), tableOf(chart), place);
+  place.style.setProperty("--height", `${heightOf(row, chart)}px`);
+  charts.waiting.set(place, chart);
+  nearby.observe(place);
+}
+
+const nearby = new IntersectionObserver((seen) => drawPlaces(seen.filter((each) => each.isIntersecting).map((each) => each.target)), { rootMargin: "400px" });
+
+function drawPlaces(places) {
+  for (const place of places) drawChart(place);
+  if (places.length) charts.drawn.sort((a, b) => a.order - b.order);
+  if (places.length && charts.alike) rescale();
+}
+
+// Draw all charts, for print and for whoever needs them at once.
+function drawAll() { drawPlaces([...charts.waiting.keys()]); }
+addEventListener("beforeprint", drawAll);
+
+function heightOf(row, chart) {
+  if (row.classList.contains("tall")) return 190;
+  const height = chart.kind === "time" ? 150 : 220;
+  return isPhone.matches ? height - 30 : height;
+}
+
+function drawChart(place) {
+  const chart = charts.waiting.get(place);
+  if (!chart) return;
+  charts.waiting.delete(place);
+  nearby.unobserve(place);
+  const height = parseFloat(place.style.getPropertyValue("--height"));
+  const plot = new uPlot(optionsOf(chart, Math.max(place.clientWidth, 120), height), tableOf(chart), place);
+  plot.root.querySelector(".u-legend").setAttribute("aria-hidden", "true");  // values under a pointer
   plot.over.setAttribute("role", "img");
   plot.over.setAttribute("aria-label", `${chart.group}, ${chart.title} over ${chart.x}: ${chart.curves.map(({ label }) => label).join(", ")}`);
-  const drawn = { chart, plot, marker: null };
+  const drawn = { chart, plot, marker: null, order: [...document.querySelectorAll(".chart")].indexOf(place) };
   charts.drawn.push(drawn);
   new ResizeObserver(() => {
     if (place.clientWidth && place.clientWidth !== plot.width) plot.setSize({ width: place.clientWidth, height });
   }).observe(place);
-  if (chart.kind === "time") joinTime(drawn);
+  chart.curves.forEach(({ label }, i) => { if (charts.hidden.has(label)) plot.setSeries(i + 1, { show: false }); });
+  if (chart.kind !== "time") return;
+  joinTime(drawn);
+  if (!(charts.shown[1] > charts.shown[0])) return;
+  plot.setScale("x", { min: charts.shown[0], max: charts.shown[1] });
+  requestAnimationFrame(() => markTime(charts.time));
 }
 
 function joinTime(drawn) {
@@ -315,6 +371,7 @@ function zoom(min, max) {
 }
 
 function markTime(time) {
+  charts.time = time;
   for (const { plot, marker } of charts.ofTime()) {
     const inside = time >= plot.scales.x.min && time <= plot.scales.x.max;
     marker.style.display = inside ? "" : "none";
@@ -338,8 +395,7 @@ async function picture(group, k = 2.5) {
       options.legend = { show: false };
       delete options.cursor.sync;
       const plot = new uPlot(options, tableOf(chart), document.createElement("div"));
-      const shown = charts.drawn.find((drawn) => drawn.chart === chart)?.plot.scales.x;
-      if (shown) plot.setScale("x", { min: shown.min, max: shown.max });
+      if (chart.kind === "time") plot.setScale("x", { min: charts.shown[0], max: charts.shown[1] });
       await new Promise((done) => queueMicrotask(() => queueMicrotask(done)));  // uPlot draws in a microtask
       write(ink, chart.title, 12 * k, y + 16 * k, `600 ${12 * k}px system-ui, sans-serif`, themed("--ink"));
       legend(ink, chart, 12 * k, y + 36 * k, k);
@@ -372,13 +428,35 @@ function write(ink, text, x, y, font, colour) {
   return ink.measureText(text).width;
 }
 
-async function save(group) {
+async function savePicture(group) {
   const canvas = await picture(group);
-  canvas.toBlob((blob) => {
-    const link = document.createElement("a");
-    link.download = `${charts.name}-${group.title.toLowerCase().replace(/[^\w]+/g, "-")}.png`;
-    link.href = URL.createObjectURL(blob);
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  canvas.toBlob((blob) => saveAs(group, blob, "png"));
+}
+
+// Rows of what is shown: the curves that are not hidden, in the zoom. Columns are those of the figures' own tables.
+function tableText(group) {
+  const quoted = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const rows = ["panel,curve,x_label,y_label,x,y"];
+  group.charts.forEach((chart, i) => {
+    const [from, to] = chart.kind === "time" ? charts.shown : [-Infinity, Infinity];
+    for (const curve of chart.curves) {
+      if (charts.hidden.has(curve.label)) continue;
+      const x = numbers.at(curve.x), y = numbers.at(curve.y), names = [i + 1, curve.label, chart.x, chart.title].map(String).map(quoted).join(",");
+      x.forEach((value, k) => { if (value >= from && value <= to) rows.push(`${names},${short(value)},${Number.isNaN(y[k]) ? "" : short(y[k])}`); });
+    }
   });
+  return `${rows.join("\n")}\n`;
+}
+
+// The least digits that give the same float32.
+function short(value) { return Number(value.toPrecision(7)); }
+
+function saveTable(group) { saveAs(group, new Blob([tableText(group)], { type: "text/csv" }), "csv"); }
+
+function saveAs(group, blob, suffix) {
+  const link = document.createElement("a");
+  link.download = `${charts.name}-${group.title.toLowerCase().replace(/[^\w]+/g, "-")}.${suffix}`;
+  link.href = URL.createObjectURL(blob);
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

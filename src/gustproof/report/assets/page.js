@@ -11,9 +11,7 @@ const ready = (async () => {
     for (const group of groups) addGroup(section, group);
     if (!groups.length && name !== "poles") section.hidden = true;
   }
-  const times = page.runs.map((run) => numbers.at(run.time));
-  charts.start = Math.min(...times.map((time) => time[0]));
-  charts.end = Math.max(...times.map((time) => time[time.length - 1]));
+  [charts.start, charts.end] = page.span;
   const from = document.getElementById("from"), to = document.getElementById("to");
   charts.onZoom = (min, max) => {
     from.value = Number(min.toFixed(3));

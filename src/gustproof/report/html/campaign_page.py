@@ -1,14 +1,14 @@
 """One HTML file on a campaign, which needs neither a network nor a script."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
-from gustproof.campaign.intervals import CONFIDENCE, Importance, IntervalEstimate
+from gustproof.campaign.intervals import CONFIDENCE, Importance
 from gustproof.campaign.reader import open_table, read_campaign_metadata, read_column
 from gustproof.campaign.statistics import (
     COMPARED_FIGURES,
@@ -29,11 +29,26 @@ from gustproof.report.campaign import (
     format_value,
 )
 from gustproof.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
-from gustproof.report.html.markup import fill_page, read_asset, render_chip, render_table
+from gustproof.report.html.forest import ForestRow, render_forest
+from gustproof.report.html.markup import (
+    fill_page,
+    read_asset,
+    render_chip,
+    render_table,
+    render_tile_line,
+    render_tiles,
+    shorten,
+)
 from gustproof.report.terminal import FIGURES
 from gustproof.scoring.requirements import requirement_label, requirement_limits
 from gustproof.version import __version__
 
+_TILES = (
+    ("RMSE, median", "rmse_deg", "median"),
+    ("Peak, 95th percentile", "peak_deg", "p95"),
+    ("Torque slew, median", "torque_slew_rms", "median"),
+)
+"""Heading, figure and quantile of each tile."""
 _COLUMNS = ("mean", "median", "95th percentile", "99th percentile")
 
 
@@ -55,10 +70,11 @@ def render_campaign_page(path: Path) -> str:
     about = (found.campaign.scenario.description, describe_campaign(found.campaign))
     warned = (f"<p class='bad'>{escape(line)}</p>" for line in found.warnings)
     parts = {
-        "title": escape(f"{found.campaign.scenario.name}: {', '.join(law.law for law in found.laws)}"),
+        "title": escape(f"{found.campaign.scenario.name}: {shorten(law.law for law in found.laws)}"),
         "policy": "style-src 'unsafe-inline'; img-src data:",
         "styles": read_asset("page.css") + read_asset("campaign.css"),
         "about": "".join(f"<p>{escape(line)}</p>" for line in about) + "".join(warned),
+        "tiles": _render_headline(found),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
         "legend": f'<p class="legend">{"".join(f"<span>{_render_law(found, law)}</span>" for law in found.laws)}</p>',
@@ -68,6 +84,29 @@ def render_campaign_page(path: Path) -> str:
         "footer": f"Flown by gustproof {escape(flown)}, drawn by gustproof {__version__}.",
     }
     return fill_page("campaign.html", parts)
+
+
+def _render_headline(found: CampaignStatistics) -> str:
+    """Return median error, high peak, slew and pass rate of each law, with ratios to the first."""
+    tiles = []
+    for heading, name, quantile in _TILES:
+        values = [law.figures[name].quantiles[quantile].value for law in found.laws]
+        least, first = min(filter(math.isfinite, values), default=math.nan), values[0]
+        lines = [
+            render_tile_line(
+                i,
+                law.law,
+                format_value(value),
+                f"× {value / first:.3g}" if i and first > 0.0 and math.isfinite(value) else "",
+                is_best=value == least and len(values) > 1,
+            )
+            for i, (law, value) in enumerate(zip(found.laws, values, strict=True))
+        ]
+        tiles.append((f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines))
+    held = [format_share(law.all_held) for law in found.laws]
+    lines = [render_tile_line(i, law.law, *share) for i, (law, share) in enumerate(zip(found.laws, held, strict=True))]
+    tiles.append(("All requirements met", lines))
+    return render_tiles(tiles)
 
 
 def _render_figures(found: CampaignStatistics) -> str:
@@ -92,36 +131,14 @@ def _render_figures(found: CampaignStatistics) -> str:
 
 def _render_forest(found: CampaignStatistics, name: str) -> str:
     """Return median and 95th percentile of a figure with their intervals, law by law; nothing if none is known."""
-    quantiles = [law.figures[name].quantiles for law in found.laws]
-    estimates = [(law, own["median"], own["p95"]) for law, own in zip(found.laws, quantiles, strict=True)]
-    known = [x for _, median, p95 in estimates for x in (*median, *p95) if math.isfinite(x)]
-    if not known or max(known) == min(known):
-        return ""
-    low, high = min(0.0, min(known)), 1.04 * max(known)
-    best = min((median.value for _, median, _ in estimates if math.isfinite(median.value)), default=math.nan)
-    rows = []
-    for law, median, p95 in estimates:
-        marks = "".join(_render_interval(each, low, high, kind) for each, kind in ((median, "disc"), (p95, "ring")))
-        told = f"median {' '.join(format_estimate(median))}, 95th percentile {' '.join(format_estimate(p95))}"
-        colour = found.laws.index(law) % 7
-        track = f'<span class="track" style="--chip: var(--c{colour})" role="img" aria-label="{told}">{marks}</span>'
-        value = f"<b>{format_value(median.value)}</b>" if median.value == best else format_value(median.value)
-        rows.append(f"<li>{_render_law(found, law)}{track}<span>{value}</span></li>")
-    ends = f"<li class='ends'><span></span><span>{format_value(low)}</span><span>{format_value(high)}</span></li>"
-    return f'<div class="forest"><h4>{escape(_figure_label(name))}</h4><ul>{"".join(rows)}{ends}</ul></div>'
-
-
-def _render_interval(estimate: IntervalEstimate, low: float, high: float, kind: str) -> str:
-    if not math.isfinite(estimate.value):
-        return ""
-    value, begin, end = (100.0 * (x - low) / (high - low) for x in map(_finite(low, high), estimate))
-    bar = f'<i class="bar" style="left: {begin:.2f}%; width: {end - begin:.2f}%"></i>'
-    return f'{bar}<i class="{kind}" style="left: {value:.2f}%"></i>'
-
-
-def _finite(low: float, high: float) -> Callable[[float], float]:
-    """Return a function that brings an unknown end of an interval to the end of its axis."""
-    return lambda x: min(max(x, low), high) if not math.isnan(x) else low
+    rows, medians = [], [law.figures[name].quantiles["median"] for law in found.laws]
+    best = min((median.value for median in medians if math.isfinite(median.value)), default=math.nan)
+    for i, (law, median) in enumerate(zip(found.laws, medians, strict=True)):
+        p95 = law.figures[name].quantiles["p95"]
+        spoken = f"median {' '.join(format_estimate(median))}, 95th percentile {' '.join(format_estimate(p95))}"
+        marks = (median, "disc"), (p95, "ring")
+        rows.append(ForestRow(i, law.law, marks, format_value(median.value), spoken, median.value == best))
+    return render_forest(_figure_label(name), rows)
 
 
 def _render_matrices(found: CampaignStatistics) -> str:
@@ -136,7 +153,7 @@ def _render_matrices(found: CampaignStatistics) -> str:
             cells = [_render_duel(duels, (name, law.law, other.law)) for other in found.laws]
             rows.append([_render_law(found, law), *cells])
         table = render_table(["", *(_render_law(found, law) for law in found.laws)], rows)
-        tables.append(f"<div class='matrix'><h4>{escape(_figure_label(name))}</h4>{table}</div>")
+        tables.append(f"<div class='matrix'><h3>{escape(_figure_label(name))}</h3>{table}</div>")
     note = (
         "<p class='note'>Law of the row against law of the column in the same cases. Shares: cases in which the row is "
         "below the column. Signed numbers: mean of row less column, in the figure's unit. Muted: intervals.</p>"
@@ -159,62 +176,86 @@ def _render_duel(duels: Mapping[tuple[str, str, str], LawComparison], key: tuple
 
 
 def _render_requirements(found: CampaignStatistics) -> str:
-    rows = []
+    """Return the share of runs that met each requirement, and the worst run, a column for each law."""
+    rows: dict[tuple[str, str], list[str]] = {}
     for law in found.laws:
         for each in law.passed:
-            last = f"{format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else "–"
-            texts = (requirement_label(each.requirement), requirement_limits(each.requirement))
-            rate = _format_interval(*format_share(each.rate))
-            rows.append([_render_law(found, law), *texts, rate, escape(last)])
-        rate = _format_interval(*format_share(law.all_held))
-        rows.append([_render_law(found, law), "all requirements, and flown to the end", "", rate, ""])
-    return render_table(["law", "requirement", "limit", "runs that met it", "worst"], rows)
+            key = requirement_label(each.requirement), requirement_limits(each.requirement)
+            worst = f"worst {format_value(each.worst[0].value)} in run {each.worst[0].run}" if each.worst else ""
+            rows.setdefault(key, []).append(f"{_format_interval(*format_share(each.rate))} {escape(worst)}")
+    whole = ["all, and flown to the end", "", *(_format_interval(*format_share(law.all_held)) for law in found.laws)]
+    lines = [[*map(escape, key), *cells] for key, cells in rows.items()]
+    return render_table(["requirement", "limit", *(_render_law(found, law) for law in found.laws)], [*lines, whole])
 
 
 def _render_distributions(found: CampaignStatistics) -> str:
-    file, charts, alike = open_table(found.table), list[str](), list[str]()
+    file, charts, alike = open_table(found.table), dict[str, list[str]](), list[str]()
     for name in FLOWN:
         values, label = read_column(file, name, found.campaign), _figure_label(name)
         least, largest = np.nanmin(values, initial=math.inf), np.nanmax(values, initial=-math.inf)
         if least < largest:
-            charts += [draw_distributions(label, list(values)), draw_exceedances(label, list(values))]
+            charts[name] = [draw_distributions(label, list(values)), draw_exceedances(label, list(values))]
         elif least == largest:
             alike.append(f"<p>{escape(label)}: {format_value(float(least))} in every run.</p>")
-    return _render_group("Distributions, and shares of the runs above a value", charts) + "".join(alike)
+    shown = [name in COMPARED_FIGURES for name in charts]
+    return _render_folded("Distributions, and shares of the runs above a value", charts.values(), shown) + "".join(
+        alike
+    )
+
+
+def _render_folded(title: str, charts: Iterable[Sequence[str]], shown: Iterable[bool]) -> str:
+    """Return a group of charts, and below it those that are not shown at once."""
+    parts: dict[bool, list[str]] = {True: [], False: []}
+    for drawn, is_shown in zip(charts, shown, strict=True):
+        parts[is_shown].extend(filter(None, drawn))
+    more = _render_group("", parts[False])
+    details = more and f"<details><summary>{len(parts[False])} more charts</summary>{more}</details>"
+    return _render_group(title, parts[True]) + details
 
 
 def _render_dispersions(found: CampaignStatistics) -> str:
     if not found.campaign.spreads:
         return "<p>Only gusts and noise varied.</p>"
-    file, charts = open_table(found.table), []
+    file, charts, shown = open_table(found.table), [], []
     values, label = list(read_column(file, IMPORTANCE_FIGURE, found.campaign)), _figure_label(IMPORTANCE_FIGURE)
     for name, spread in found.campaign.spreads.items():
         delta = read_column(file, delta_column(name), found.campaign)[0]
-        charts.append(draw_responses(label, name, values, delta, spread.value))
+        charts.append([draw_responses(label, name, values, delta, spread.value)])
+        shown.append(any(_has_effect(law.figures[IMPORTANCE_FIGURE].importance.get(name)) for law in found.laws))
     note = (
         "<p class='note'>Share of a figure's variance explained by each quantity alone (first-order Sobol' index by "
         "binning), and rank correlation ρ (Spearman). 'No effect found' means an index within the noise of its "
         "estimate. Remainder: gusts and noise of each run, and interactions. Units are those of the vehicle file.</p>"
     )
-    return note + _render_importance(found) + _render_group(f"mean {label} against each", charts)
+    return note + _render_importance(found) + _render_folded(f"mean {label} against each", charts, shown)
 
 
 def _render_importance(found: CampaignStatistics) -> str:
+    """Return a table for each figure; quantities without an effect on any law stand below it."""
     tables = []
     for figure in COMPARED_FIGURES:
-        rows = []
+        rows, without = [], []
         for name, spread in found.campaign.spreads.items():
-            cells = [_render_bar(law.figures[figure].importance.get(name)) for law in found.laws]
+            known = [law.figures[figure].importance.get(name) for law in found.laws]
+            if not any(map(_has_effect, known)):
+                without.append(name)
+                continue
             drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
-            rows.append([escape(name), drawn, *cells])
-        table = render_table(["quantity", "from .. to", *(_render_law(found, law) for law in found.laws)], rows)
-        tables.append(f"<h4>{escape(_figure_label(figure))}</h4>{table}")
+            rows.append([escape(name), drawn, *map(_render_bar, known)])
+        head = ["quantity", "from .. to", *(_render_law(found, law) for law in found.laws)]
+        table = render_table(head, rows)
+        none = f"<p class='note'>No effect found: {escape(', '.join(without))}.</p>" if without else ""
+        tables.append(f"<h3>{escape(_figure_label(figure))}</h3>{table}{none}")
     return "".join(tables)
+
+
+def _has_effect(importance: Importance | None) -> bool:
+    return importance is not None and importance.first_order > importance.noise
 
 
 def _render_bar(importance: Importance | None) -> str:
     text = format_importance(importance)
-    if importance is None or importance.first_order <= importance.noise:
+    if importance is None or not _has_effect(importance):
         return f'<span class="interval">{text}</span>'
     return f'<span class="share" style="width: {60.0 * importance.first_order:.1f}px"></span>{text}'
 
@@ -244,7 +285,8 @@ def _notable_runs(law: LawStatistics) -> Iterator[tuple[str, str, int]]:
 
 def _render_group(title: str, charts: Sequence[str]) -> str:
     cells = "".join(f'<div class="chart">{each}</div>' for each in charts if each)
-    return cells and f'<article class="group"><h3>{escape(title)}</h3><div class="charts of4">{cells}</div></article>'
+    heading = title and f"<h3>{escape(title)}</h3>"
+    return cells and f'<article class="group">{heading}<div class="charts of4">{cells}</div></article>'
 
 
 def _render_law(found: CampaignStatistics, law: LawStatistics) -> str:

@@ -176,6 +176,11 @@ def frequency_chart(
     return Chart(title=title, x_label="frequency [rad/s]", kind=kind, curves=curves, marks=marks)
 
 
+def decibels(gains: Array) -> Array:
+    """Return gains in dB; those below 1e-15 as that."""
+    return np.asarray(20.0 * np.log10(np.maximum(gains, 1e-15)))
+
+
 def bracket_unit(unit: str) -> str:
     """Return a unit for use in a product: in brackets if it is a product itself."""
     return f"({unit})" if set(unit) & {"/", " "} else unit

@@ -1,6 +1,7 @@
 """One HTML file on a judgement: verdict and evidence, the loop with its limits, and the flights that show it."""
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from html import escape
 from itertools import product
@@ -15,8 +16,9 @@ from gustproof.analysis.judge import AXES, NOMINAL_PEAK, SPREAD_PEAK, Judgement,
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
 from gustproof.recording.folder import write_atomic
-from gustproof.report.html.charts import ChartGroup, ChartKind, Curve, CurveStyle, frequency_chart
-from gustproof.report.html.markup import render_table
+from gustproof.report.html.charts import ChartGroup, ChartKind, Curve, decibels, frequency_chart
+from gustproof.report.html.marks import Mark
+from gustproof.report.html.markup import render_table, render_tile_line, render_tiles
 from gustproof.report.html.page import render_page
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.judgement import COLUMNS, iter_comparison, iter_evidence, iter_margins, title
@@ -25,6 +27,12 @@ from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Array
 from gustproof.version import software_versions
 
+_CORNERS = ("light, fast", "light, slow", "heavy, fast", "heavy, slow")
+"""Corners of inertia and lag, in the order of their product."""
+_PEAK_MARKS = (
+    Mark(label=f"nominal ≤ {NOMINAL_PEAK:g}", y=20.0 * math.log10(NOMINAL_PEAK)),
+    Mark(label=f"spreads ≤ {SPREAD_PEAK:g}", y=20.0 * math.log10(SPREAD_PEAK)),
+)
 _MOST_GAIN = 100.0
 """[-] loop gain of the nominal vehicle above which frequencies are not drawn."""
 
@@ -47,7 +55,8 @@ def render_judgement_page(found: Judgement, better: Judgement | None, remarks: t
 
 def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[str, ...]) -> str:
     mark = "good" if found.verdict is Verdict.SOUND else "bad"
-    parts = [f'<h2 class="{mark}">{escape(title(found))}</h2>', _render_list(found.reasons)]
+    parts = [f'<h2 class="{mark}">{escape(title(found))}</h2>', _render_headline(found, better)]
+    parts.append(_render_list(found.reasons))
     if found.axes:
         margins = render_table(COLUMNS, [[escape(cell) for cell in row] for row in iter_margins(found)])
         parts.append(f"<h3>Margins over the spreads</h3><p class='note'>{escape(found.box.describe())}</p>{margins}")
@@ -63,6 +72,43 @@ def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[s
     return f'<section id="verdict">{"".join(parts)}</section>'
 
 
+def _render_headline(found: Judgement, better: Judgement | None) -> str:
+    """Return error, slew, peak sensitivity and worst gust as tiles, a line for each law."""
+    judged = [each for each in (found, better) if each is not None]
+    tiles = []
+    for heading, figure in _TILES.items():
+        lines = [render_tile_line(i, each.law.name, *figure(each)) for i, each in enumerate(judged)]
+        tiles.append((heading, lines))
+    return render_tiles(tiles)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _describe_peak(found: Judgement) -> tuple[str, str]:
+    sign = "≤" if found.is_proved else "found"
+    return _number(found.Ms), f"{sign} {_number(found.Ms_over_spreads)}"
+
+
+def _describe_gust(found: Judgement) -> tuple[str, str]:
+    bound = found.proof.estimate_deg if found.proof is not None else None
+    proof = f"≤ {max(bound):.3g}" if bound else "not proved"
+    return _number(found.gust.peak_deg if found.gust is not None else None), proof
+
+
+_TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
+    "Predicted error <small>deg; beside: least</small>": lambda found: (
+        _number(found.rmse_deg),
+        _number(found.least_rmse_deg),
+    ),
+    "Torque slew <small>N m/s</small>": lambda found: (_number(found.slew), ""),
+    "Ms <small>beside: over the spreads</small>": _describe_peak,
+    "Worst gust found <small>deg; beside: proof</small>": _describe_gust,
+}
+"""Heading as HTML, value and remark of each tile."""
+
+
 def _render_list(lines: tuple[str, ...] | list[str]) -> str:
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
 
@@ -75,20 +121,19 @@ def _loop_charts(found: Judgement) -> Iterator[ChartGroup]:
     ]
     responses = [hover_loop(found.law, each, found.scenario) for each in (vehicle, *corners)]
     shown = np.max(np.abs(responses[0].loop), axis=1) <= _MOST_GAIN
-    names, omega = ("nominal", *(f"corner {i}" for i in range(1, 5))), responses[0].omega[shown]
+    names, omega = ("nominal", *_CORNERS), responses[0].omega[shown]
     bode, phase, peaks = [], [], []
     for axis, name in enumerate(AXES):
         L = [each.loop[shown, axis] for each in responses]
-        bode.append(frequency_chart(f"{name}: |L| [-]", (*_curves(names, omega, map(np.abs, L)), _limit(omega, 1.0))))
-        phases = (*_curves(names, omega, map(_phase, L)), _limit(omega, -180.0))
-        label = f"{name}: phase of L [deg]"
-        phase.append(frequency_chart(label, phases, ChartKind.SEMILOG))
-        S = _curves(names, omega, (1.0 / np.abs(1.0 + each) for each in L))
-        limits = _limit(omega, NOMINAL_PEAK, "limit nominal"), _limit(omega, SPREAD_PEAK, "limit over the spreads")
-        peaks.append(frequency_chart(f"{name}: |S| [-]", (*S, *limits)))
-    note = "Corners: light and heavy, with small and large lag. Dashed: the limits of a sound law, |L| = 1, -180 deg."
+        gains = _curves(names, omega, (decibels(np.abs(each)) for each in L))
+        bode.append(frequency_chart(f"{name}: |L| [dB]", gains, ChartKind.DECIBEL, (Mark(label="0 dB", y=0.0),)))
+        phases, turn = _curves(names, omega, map(_phase, L)), Mark(label="−180°", y=-180.0)
+        phase.append(frequency_chart(f"{name}: phase of L [deg]", phases, ChartKind.SEMILOG, (turn,)))
+        S = _curves(names, omega, (decibels(1.0 / np.abs(1.0 + each)) for each in L))
+        peaks.append(frequency_chart(f"{name}: |S| [dB]", S, ChartKind.DECIBEL, _PEAK_MARKS))
+    note = "Corners of the spreads are sampled. Dotted: 0 dB, -180 deg, and the largest |S| of a sound law."
     for what, charts in (("Loop gain", bode), ("Loop phase", phase), ("Sensitivity", peaks)):
-        yield ChartGroup(title=f"{what}, {found.law.name}", charts=tuple(charts), note=note)
+        yield ChartGroup(title=f"{what}, {found.law.name}, over the spreads", charts=tuple(charts), note=note)
 
 
 def _curves(names: tuple[str, ...], omega: Array, values: Iterable[Array]) -> tuple[Curve, ...]:
@@ -97,10 +142,6 @@ def _curves(names: tuple[str, ...], omega: Array, values: Iterable[Array]) -> tu
         Curve(label=name, colour=i, x=omega, y=each) for i, (name, each) in enumerate(zip(names, values, strict=True))
     ]
     return (*curves[1:], curves[0])
-
-
-def _limit(omega: Array, value: float, label: str = "limit") -> Curve:
-    return Curve(label=label, colour=None, x=omega, y=np.full(len(omega), value), style=CurveStyle.DASHED)
 
 
 def _phase(L: ComplexMatrix) -> Array:

@@ -1,6 +1,7 @@
 """One HTML file on a league, which needs neither a network nor a script."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -12,7 +13,15 @@ from gustproof.league.entrants import REFERENCE
 from gustproof.league.season import League
 from gustproof.league.standings import CLIP, DRAWS
 from gustproof.recording.folder import write_atomic
-from gustproof.report.html.markup import fill_page, read_asset, render_table
+from gustproof.report.html.forest import ForestRow, render_forest
+from gustproof.report.html.markup import (
+    fill_page,
+    read_asset,
+    render_chip,
+    render_table,
+    render_tile_line,
+    render_tiles,
+)
 from gustproof.report.league import (
     describe_class,
     describe_failures,
@@ -34,6 +43,8 @@ _RULES = (
     "In this process nothing hinders a Python object from cheating. The rules bind who enters: the JSON names each "
     "entry by its SHA-256, and with the published salt anybody can fly it again.",
 )
+_MOST_LINES = 5
+"""Most lines of a tile."""
 
 
 def write_league_page(league: League, output: Path, *, reveal: bool = False) -> None:
@@ -70,13 +81,13 @@ def _render_ranking(league: League) -> str:
     for i in league.order:
         box = league.boxes[i]
         cells = (
-            league.plan.entrants[i].name,
+            _render_entry(league, i),
             str(league.standings.ranks[i]),
             f"{league.classes[i].name}, {league.class_ranks[i]}",
             _format_interval(league.standings.ratios[i]),
             f"{format_number(box.ratio)} ({box.vehicle}: {box.point})",
         )
-        rows.append([*map(escape, cells)])
+        rows.append([cells[0], *map(escape, cells[1:])])
     note = (
         f"Score: a flight's error is the rms of Euler angles minus reference. Its ratio to that of {REFERENCE} in the "
         f"same seed counts within a factor of {CLIP:g}; a flight that fails, diverges or errs by {WORST_DEG:g} deg "
@@ -85,7 +96,44 @@ def _render_ranking(league: League) -> str:
         "that are better with confidence, so entries that can't be told apart share a rank. Box: the worst score in "
         f"{BOX_SCENARIO} at the ends of the vehicle's spreads of inertia and lag, and with one more sample of delay."
     )
-    return _note(note) + render_table(["entry", "rank", "class, rank in it", "score", "box"], rows)
+    table = render_table(["entry", "rank", "class, rank in it", "score", "box"], rows)
+    return f"{_render_headline(league)}{_render_scores(league)}{_note(note)}{table}"
+
+
+def _render_headline(league: League) -> str:
+    """Return the first of the ranking, the first of each class, and the entries that win most cells."""
+    names, ratios = [each.name for each in league.plan.entrants], league.standings.ratios
+    first = [
+        render_tile_line(
+            i, names[i], format_number(ratios[i].value), f"rank {league.standings.ranks[i]}", is_best=not k
+        )
+        for k, i in enumerate(league.order[:_MOST_LINES])
+    ]
+    tiles = [(f"Score <small>error over that of {REFERENCE}</small>", first)]
+    leaders = {league.classes[i].name: i for i in reversed(league.order)}
+    known = [(leaders[each.name], each.name) for each in CLASSES if each.name in leaders]
+    tiles.append(
+        (
+            "First in its class",
+            [render_tile_line(i, names[i], format_number(ratios[i].value), name) for i, name in known],
+        )
+    )
+    won = Counter(int(best) for best in league.standings.cell_best).most_common(_MOST_LINES)
+    cells = len(league.cells)
+    tiles.append(("Cells with the least error", [render_tile_line(i, names[i], f"{n}", f"of {cells}") for i, n in won]))
+    return render_tiles(tiles)
+
+
+def _render_scores(league: League) -> str:
+    rows = []
+    for i in league.order:
+        score, box = league.standings.ratios[i], league.boxes[i].ratio
+        spoken = f"score {_format_interval(score)}, box {format_number(box)}"
+        marks = (score, "disc"), (IntervalEstimate(box, box, box), "ring")
+        name = league.plan.entrants[i].name
+        rows.append(ForestRow(i, name, marks, format_number(score.value), spoken, i == league.order[0]))
+    note = f"Disc: score with its interval. Ring: box. Dashed line: the error of {REFERENCE}."
+    return render_forest("Scores", rows, unit_line=True) + _note(note)
 
 
 def _render_prices(league: League) -> str:
@@ -93,9 +141,9 @@ def _render_prices(league: League) -> str:
     for i in league.order:
         for first, (vehicles, charge) in enumerate(zip(league.plan.vehicles, league.charges[i], strict=True)):
             figures = (charge.Ms, charge.gain_margin, 1e3 * charge.delay_margin, charge.slew, charge.slew_share)
-            named = ("", "") if first else (league.plan.entrants[i].name, league.classes[i].name)
+            named = ("", "") if first else (_render_entry(league, i), league.classes[i].name)
             cells = (*named, vehicles.nominal.name, *map(format_number, figures), charge.refused)
-            rows.append([*map(escape, cells)])
+            rows.append([cells[0], *map(escape, cells[1:])])
     bounds = "".join(f"<li>{escape(describe_class(each))}</li>" for each in CLASSES)
     note = (
         "Prices are measured on the entry: by its response to sines on the test stand, and by its torque slew in the "
@@ -138,7 +186,7 @@ def _render_pairs(league: League) -> str:
     rows = []
     for i in order:
         cells = ["" if i == j else _render_pair(pairs[i][j]) for j in order]
-        rows.append([escape(league.plan.entrants[i].name), *cells])
+        rows.append([_render_entry(league, i), *cells])
     note = (
         f"Error of the row's entry over the column's, geometric mean, with its {100 * CONFIDENCE:g} % interval from "
         "the same flights of both. Without shade the interval holds 1: the two can't be told apart."
@@ -154,7 +202,11 @@ def _render_pair(pair: IntervalEstimate) -> str:
 
 
 def _names(league: League, order: Sequence[int]) -> list[str]:
-    return [escape(league.plan.entrants[i].name) for i in order]
+    return [_render_entry(league, i) for i in order]
+
+
+def _render_entry(league: League, i: int) -> str:
+    return render_chip(i, league.plan.entrants[i].name)
 
 
 def _note(text: str) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.analysis.hover_loop import HoverLoop, hover_loop
+from gustproof.analysis.law_margins import SPREADS, axis_robustness_over_frequency
+from gustproof.analysis.robustness import RobustnessOverFrequency
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
@@ -19,6 +21,7 @@ from gustproof.report.html.charts import (
     Curve,
     CurveStyle,
     bracket_unit,
+    decibels,
     frequency_chart,
     merge_curves,
 )
@@ -44,6 +47,8 @@ class ReportLaw:
     """The law."""
     hover: HoverLoop
     """Its loop at hover, sampled and delayed."""
+    robustness: tuple[RobustnessOverFrequency, ...]
+    """Bounds over frequency for roll, pitch, yaw under `SPREADS`; empty if the law couples axes or is unstable."""
     design: DesignReport | None
     """Its design; `None` if it has none, or if the design does not give this law again."""
 
@@ -57,7 +62,14 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
         key = (run.law.name, run.vehicle, run.scenario.dt, run.scenario.delay_samples)
         if key not in found:
             hover = hover_loop(run.law, run.vehicle, run.scenario)
-            found[key] = ReportLaw(label=run.label, colour=i, law=run.law, hover=hover, design=_rederive(run.law))
+            found[key] = ReportLaw(
+                label=run.label,
+                colour=i,
+                law=run.law,
+                hover=hover,
+                robustness=axis_robustness_over_frequency(run.law, run.vehicle, run.scenario),
+                design=_rederive(run.law),
+            )
     return tuple(found.values())
 
 
@@ -67,7 +79,7 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     torque_laws = [law for law in laws if law.hover.sensitivities]
     for name in ("S", "T"):
         curves = tuple(
-            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=_decibels(law.hover.sensitivities[name]))
+            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=decibels(law.hover.sensitivities[name]))
             for law in torque_laws
         )
         marks = tuple(_peak_mark(law, name) for law in torque_laws)
@@ -79,6 +91,9 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
         title = "Sensitivity S and complementary sensitivity T"
         groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
         groups.append(_loop_charts(torque_laws))
+    known = [law for law in laws if law.robustness]
+    if known:
+        groups.append(_mu_charts(known))
     return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
 
 
@@ -86,7 +101,7 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     """Return the gain of each axis' loop, with the crossovers."""
     charts = []
     for k, axis in enumerate(_AXES):
-        gains = [_decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
+        gains = [decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
         curves = tuple(
             Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
             for law, gain in zip(laws, gains, strict=True)
@@ -106,6 +121,34 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     return ChartGroup(title="Loop gain", charts=tuple(charts), note=note)
 
 
+def _mu_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
+    """Return mu of each axis over frequency: bounds proved on bands, and below them what members tried attain."""
+    charts = []
+    for k, axis in enumerate(_AXES):
+        curves = []
+        for law in laws:
+            found = law.robustness[k]
+            steps = np.where(np.isfinite(found.mu_proved), found.mu_proved, np.nan)
+            tried = np.where(found.mu_found > 0.0, found.mu_found, np.nan)
+            for label, values, style in (
+                (law.label, steps, CurveStyle.SOLID),
+                (f"{law.label}, sampled", tried, CurveStyle.DASHED),
+            ):
+                if not np.all(np.isnan(values)):
+                    ends = np.repeat(found.omega, 2)[1:-1]
+                    y = np.repeat(values, 2)
+                    curves.append(Curve(label=label, colour=law.colour, x=ends, y=y, style=style))
+        floor = Mark(label="search ends", y=laws[0].robustness[k].mu_floor)
+        if curves:
+            charts.append(frequency_chart(f"{axis} mu [-]", tuple(curves), ChartKind.SEMILOG, (floor,)))
+    times = 1.0 / laws[0].robustness[0].mu_floor
+    note = (
+        f"Constant inertia within {SPREADS.inertia:.0%} and lag within {SPREADS.actuator_lag:.0%}, times 1/mu. "
+        f"Solid: proved at every frequency of its band. Dashed: found by sampling. Tried up to {times:.2g} times."
+    )
+    return ChartGroup(title="mu over frequency", charts=tuple(charts), note=note)
+
+
 def _peak_mark(law: ReportLaw, name: str) -> Mark:
     peak = float(np.max(law.hover.sensitivities[name]))
     return Mark(label=f"{peak:.2f}", y=20.0 * math.log10(peak), colour=law.colour)
@@ -114,10 +157,6 @@ def _peak_mark(law: ReportLaw, name: str) -> Mark:
 def _within(gains: Matrix) -> Matrix:
     """Return gains, NaN beyond 80 dB."""
     return np.where((gains > 1e-4) & (gains < 1e4), gains, np.nan)
-
-
-def _decibels(gains: Matrix) -> Matrix:
-    return np.asarray(20.0 * np.log10(np.maximum(gains, 1e-15)))
 
 
 def pole_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:

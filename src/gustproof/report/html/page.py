@@ -19,9 +19,9 @@ from gustproof.recording.folder import write_atomic
 from gustproof.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.report.html.marks import Mark, time_bands
-from gustproof.report.html.markup import fill_page, read_asset
+from gustproof.report.html.markup import fill_page, read_asset, shorten
 from gustproof.report.html.runs import ReportRun
-from gustproof.report.html.tables import render_flights, render_margins, render_requirements, render_tiles
+from gustproof.report.html.tables import render_flights, render_headline, render_margins, render_requirements
 from gustproof.types import Array
 from gustproof.version import __version__
 
@@ -40,7 +40,7 @@ def render_page(
 ) -> str:
     """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops."""
     laws, numbers = collect_laws(runs), NumberBlock()
-    scenarios = ", ".join(dict.fromkeys(run.scenario.name for run in runs))
+    scenarios = dict.fromkeys(run.scenario.name for run in runs)
     sections = {
         "time": numbers.encode_groups(time_histories(runs)),
         "frequency": numbers.encode_groups([*loops, *frequency_charts(laws)]),
@@ -51,17 +51,18 @@ def render_page(
         "runs": [{"label": run.label, **numbers.encode_replay(run)} for run in runs],
         "sections": sections,
         "bands": time_bands(runs),
-        "name": re.sub(r"[^\w.-]+", "-", scenarios),
+        "span": [0.0, max(len(run.records) * run.scenario.dt for run in runs)],
+        "name": re.sub(r"[^\w.-]+", "-", ", ".join(scenarios)),
     }
     described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
-        "title": escape(title or f"{scenarios}: {', '.join(dict.fromkeys(run.pilot_name for run in runs))}"),
+        "title": escape(title or f"{shorten(scenarios)}: {shorten(dict.fromkeys(run.pilot_name for run in runs))}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
         "intro": intro,
-        "tiles": render_tiles(runs),
+        "tiles": render_headline(runs),
         "flights": render_flights(runs),
         "requirements": render_requirements(runs),
         "margins": render_margins(laws),

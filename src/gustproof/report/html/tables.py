@@ -8,11 +8,11 @@ from typing import Any
 from gustproof.analysis.analyse import pole_pairs
 from gustproof.law.form import Law
 from gustproof.report.html.loops import ReportLaw
-from gustproof.report.html.markup import render_chip, render_table
+from gustproof.report.html.markup import render_chip, render_table, render_tile_line, render_tiles
 from gustproof.report.html.runs import ReportRun
 from gustproof.report.laws import MARGINS, format_margin, format_poles
 from gustproof.report.terminal import FIGURES, figure_rows, format_number
-from gustproof.scoring.requirements import requirement_label, requirement_limits, requirement_window
+from gustproof.scoring.requirements import RequirementResult, requirement_label, requirement_limits, requirement_window
 from gustproof.synthesis.derive import margins_to_dict
 
 _AXES = ("roll", "pitch", "yaw")
@@ -35,7 +35,7 @@ _PACE = {
 _TILES = (("RMSE", "rmse_deg"), ("Peak", "peak_deg"), ("Torque slew rms", "torque_slew_rms"))
 
 
-def render_tiles(runs: Sequence[ReportRun]) -> str:
+def render_headline(runs: Sequence[ReportRun]) -> str:
     """Return the headline figures: a tile each, a line for each flight, with its ratio to the first.
 
     Only flights of one scenario, vehicle and seed are compared, and only those to the end can be best.
@@ -44,25 +44,19 @@ def render_tiles(runs: Sequence[ReportRun]) -> str:
     is_fair = all(each == own[0] for each in own)
     tiles = [_figure_tile(runs, heading, name, is_fair=is_fair) for heading, name in _TILES]
     if any(run.requirements for run in runs):
-        tiles.append(_render_tile("Requirements", [_requirements_line(i, run) for i, run in enumerate(runs)]))
-    return f'<div class="tiles">{"".join(tiles)}</div>'
+        tiles.append(("Requirements", [_requirements_line(i, run) for i, run in enumerate(runs)]))
+    return render_tiles(tiles)
 
 
-def _figure_tile(runs: Sequence[ReportRun], heading: str, name: str, *, is_fair: bool) -> str:
+def _figure_tile(runs: Sequence[ReportRun], heading: str, name: str, *, is_fair: bool) -> tuple[str, list[str]]:
     values = [getattr(run.metrics, name, math.nan) for run in runs]
     whole = {v for v, run in zip(values, runs, strict=True) if run.has_expected_outcome and math.isfinite(v)}
     best = min(whole) if is_fair and len(whole) > 1 else math.nan
     lines = []
     for i, (run, value) in enumerate(zip(runs, values, strict=True)):
         ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 else ""
-        mark = " class='best'" if value == best else ""
-        text = f"<b>{_format_value(value, 3)}</b><small>{ratio}</small>"
-        lines.append(f"<li{mark}>{render_chip(i, run.label)}{text}</li>")
-    return _render_tile(f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines)
-
-
-def _render_tile(heading: str, lines: Iterable[str]) -> str:
-    return f'<div class="tile"><h3>{heading}</h3><ul>{"".join(lines)}</ul></div>'
+        lines.append(render_tile_line(i, run.label, _format_value(value, 3), ratio, is_best=value == best))
+    return f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines
 
 
 def _requirements_line(i: int, run: ReportRun) -> str:
@@ -127,19 +121,22 @@ def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
 
 
 def render_requirements(runs: Sequence[ReportRun]) -> str:
-    """Return each flight's requirements with values and margins, a row each; empty without requirements."""
-    head = ["requirement", "from .. to [s]", "limit", "flight", "flown", "margin"]
-    rows = []
-    for run in runs:
+    """Return the requirements, a row each, with value and margin of each flight; empty without requirements."""
+    found: dict[tuple[str, str, str], dict[int, str]] = {}
+    for i, run in enumerate(runs):
         for result in run.requirements:
             required = result.requirement
-            mark = "good" if result.is_met else "bad" if result.judged else "interval"
-            held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
-            window, limits = requirement_window(required), requirement_limits(required)
-            texts = (requirement_label(required), window, limits, run.label, _format_value(result.value))
-            outcome = f'<span class="{mark}">{held if result.judged else "not judged"}</span>'
-            rows.append([*map(escape, texts), outcome])
-    return f"<h3>Requirements</h3>{render_table(head, rows)}" if rows else ""
+            key = requirement_label(required), requirement_window(required), requirement_limits(required)
+            found.setdefault(key, {})[i] = _render_result(result)
+    head = ["requirement", "from .. to [s]", "limit", *(render_chip(i, run.label) for i, run in enumerate(runs))]
+    rows = [[*map(escape, key), *(cells.get(i, "") for i in range(len(runs)))] for key, cells in found.items()]
+    return f"<h3>Requirements: flown, and margin</h3>{render_table(head, rows)}" if rows else ""
+
+
+def _render_result(result: RequirementResult) -> str:
+    mark = "good" if result.is_met else "bad" if result.judged else "interval"
+    held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin, 3)}"
+    return f'{_format_value(result.value)} <span class="{mark}">{held if result.judged else "not judged"}</span>'
 
 
 def _format_value(value: float, digits: int = 4) -> str:

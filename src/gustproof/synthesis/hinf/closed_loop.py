@@ -35,11 +35,11 @@ def _norm_error(P: Lti, K: Lti, peak: Peak) -> float:
     p1, m1 = P.n_outputs - p2, P.n_inputs - m2
     point = np.exp(1j * peak.omega * P.dt) if P.dt else 1j * peak.omega
     equations = np.zeros((n + k + m2 + p2, n + k + m2 + p2), dtype=np.complex128)
-    x, x_K, u, y = np.split(np.arange(len(equations)), [n, n + k, n + k + m2])
-    equations[np.ix_(x, x)], equations[np.ix_(x, u)] = point * np.eye(n) - P.A, -P.B[:, m1:]
-    equations[np.ix_(x_K, x_K)], equations[np.ix_(x_K, y)] = point * np.eye(k) - K.A, -K.B
-    equations[np.ix_(u, u)], equations[np.ix_(u, x_K)], equations[np.ix_(u, y)] = np.eye(m2), -K.C, -K.D
-    equations[np.ix_(y, y)], equations[np.ix_(y, x)], equations[np.ix_(y, u)] = np.eye(p2), -P.C[p1:], -P.D[p1:, m1:]
+    x, x_K, u, y = slice(n), slice(n, n + k), slice(n + k, n + k + m2), slice(n + k + m2, None)
+    equations[x, x], equations[x, u] = point * np.eye(n) - P.A, -P.B[:, m1:]
+    equations[x_K, x_K], equations[x_K, y] = point * np.eye(k) - K.A, -K.B
+    equations[u, u], equations[u, x_K], equations[u, y] = np.eye(m2), -K.C, -K.D
+    equations[y, y], equations[y, x], equations[y, u] = np.eye(p2), -P.C[p1:], -P.D[p1:, m1:]
     driven = np.zeros((len(equations), m1))
     driven[x], driven[y] = P.B[:, :m1], P.D[p1:, :m1]
     signals = np.linalg.solve(equations, driven)

@@ -1,9 +1,11 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti
@@ -23,8 +25,10 @@ _NEAR_ZERO = 1e-6
 """[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
 """[-] the search for the least level stops here if a controller still exists."""
-_PATIENCE = 2
-"""Number of secants without a Riccati solution after which brackets are only halved."""
+_PATIENCE = 3
+"""Number of steps without a Riccati solution, or of slow ones in turn, after which brackets are only halved."""
+_BEYOND_MISS = 0.1
+"""[-] part of the bracket that is stepped over after a step to where there is no Riccati solution."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,8 +224,9 @@ class _Design(NamedTuple):
 def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float:
     """Return the least feasible level, from above.
 
-    Secants converge to the zero of the margin. If they are slow, the bracket is halved on a logarithmic scale. The same
-    is done if there is no zero, because a solution ceases to exist while the margin is positive.
+    Parabolas and secants converge to the zero of the margin. A step to where there is no solution is followed by one to
+    a little above. If steps are slow, the bracket is halved on a logarithmic scale. The same is done if there is no
+    zero, because a solution ceases to exist while the margin is positive.
     """
     low, high = floor, max(1.0, 2.0 * floor)
     seen = [(high, _margin(halves, high))]
@@ -231,17 +236,22 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
             raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
         seen.append((high, _margin(halves, high)))
     misses = slow = 0
+    missed = False
     while high - low > _RESOLUTION * high and high > _SMALLEST_LEVEL:
         middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
-        secant = _secant_zero(seen) if misses < _PATIENCE and slow < 3 else np.nan
-        follows = low < secant < (1.0 + _RESOLUTION) * high
+        trusted = misses < _PATIENCE and slow < _PATIENCE
+        zero = _find_zero(seen, low, high) if trusted and not missed else np.nan
+        follows = low < zero < (1.0 + _RESOLUTION) * high
         # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
         least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
-        level = min(max(secant, least), most) if follows else middle
+        level = low + _BEYOND_MISS * width if trusted and missed else middle
+        if follows:
+            level = min(max(zero, least), most)
         margin = _margin(halves, level)
         low, high = (low, level) if margin > 0.0 else (level, high)
         seen.append((level, margin))
-        misses += follows and not np.isfinite(margin)
+        missed = follows and not np.isfinite(margin)
+        misses += missed
         slow = slow + 1 if follows and high - low > 0.5 * width else 0
     return high
 
@@ -263,12 +273,25 @@ def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: 
         )
 
 
-def _secant_zero(seen: list[tuple[float, float]]) -> float:
-    """Return the zero of the line through the last two points of finite margin; nan if there are fewer than two."""
-    finite = [point for point in seen if np.isfinite(point[1])][-2:]
-    if len(finite) < 2 or finite[0][1] == finite[1][1]:
+def _find_zero(seen: list[tuple[float, float]], low: float, high: float) -> float:
+    """Return the zero of the curve through the last points of finite margin; nan if there is none.
+
+    `1/rho - s` over `s = 1/level^2`, the margin times s, is smooth and nearly a parabola. Where three points give no
+    zero in the bracket, the line through the margins of the last two does.
+    """
+    finite = [point for point in seen if np.isfinite(point[1])][-3:]
+    if len(finite) == 3:
+        (a, fa), (b, fb), (c, fc) = ((level**-2.0, margin * level**-2.0) for level, margin in finite)
+        slope = (fc - fb) / (c - b)
+        curvature = (slope - (fb - fa) / (b - a)) / (c - a)
+        slope += curvature * (c - b)
+        root = slope**2 - 4.0 * fc * curvature
+        s = c - 2.0 * fc / (slope + math.copysign(math.sqrt(root), slope)) if root > 0.0 else 0.0
+        if s > 0.0 and low < 1.0 / math.sqrt(s) < (1.0 + _RESOLUTION) * high:
+            return 1.0 / math.sqrt(s)
+    if len(finite) < 2 or finite[-1][1] == finite[-2][1]:
         return np.nan
-    (first, its_margin), (last, margin) = finite
+    (first, its_margin), (last, margin) = finite[-2:]
     return last - margin * (last - first) / (margin - its_margin)
 
 
@@ -284,8 +307,8 @@ def _solve(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> _Solution:
     """Return both Riccati solutions, gains and the margin at the level `gamma`; raise if a solution does not exist."""
     X, F, X_definite = solve_riccati(halves[0], gamma)
     Y, Lt, Y_definite = solve_riccati(halves[1], gamma)
-    eigenvalues = np.linalg.eigvals(X @ Y)
-    dominant = float(eigenvalues[np.argmax(np.abs(eigenvalues))].real)
+    real, imaginary = dgeev(X @ Y, compute_vl=0, compute_vr=0, overwrite_a=1)[:2]
+    dominant = float(real[np.argmax(np.hypot(real, imaginary))])
     definite = X_definite and Y_definite
     if definite:
         dominant = abs(dominant)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv, dpotrf
 
 from gustproof.errors import DesignError
 from gustproof.lti.riccati import RiccatiError, stabilizing_solution
@@ -34,8 +34,10 @@ class RiccatiData(NamedTuple):
     """(m1 + m2, m1 + m2) D1^T D1."""
     SB: Matrix
     """(m1 + m2, 2n) S = D1^T C1, then B^T."""
-    Q: Matrix
-    """(n, n) C1^T C1."""
+    H: Matrix
+    """(2n, 2n) Hamiltonian matrix without the feedback of inputs: [A, 0; -C1^T C1, -A^T]."""
+    into: Matrix
+    """(2n, m1 + m2) B above -C1^T D1, by which inputs enter the Hamiltonian matrix."""
     J: Matrix
     """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
@@ -50,7 +52,7 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
     """Return the data of a Riccati equation of the first `m1` inputs as disturbances, the others as controls."""
     natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
-    SB = np.hstack([D1.T @ C1, B.T])
+    S = D1.T @ C1
     quotient = None
     if zeros.rest.shape[1] < A.shape[0]:
         # u = -D12^T C1 x hides the states of the zeros from z, and leaves the solution as it is
@@ -64,8 +66,9 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
         C1=C1,
         D1=D1,
         R=D1.T @ D1,
-        SB=SB,
-        Q=C1.T @ C1,
+        SB=np.hstack([S, B.T]),
+        H=np.block([[A, np.zeros_like(A)], [-C1.T @ C1, -A.T]]),
+        into=np.vstack([B, -S.T]),
         J=J,
         natural_size=natural_size,
         zeros=zeros,
@@ -83,17 +86,24 @@ def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool
     numpy.linalg.LinAlgError
         If `gamma` is a singular value of the part of D11 that no control affects.
     """
-    RS, RB = _feedback(half, gamma)
-    if half.zeros.rest.shape[1] < half.A.shape[0]:
-        X, definite = _solve_quotient(half, gamma, RS, RB)
-        return X, -(RS + RB @ X), definite
-    try:
-        X = stabilizing_solution(_hamiltonian(half, RS, RB))
-    except RiccatiError as error:
-        raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
+    feedback, n = _feedback(half, gamma), half.A.shape[0]
+    if half.zeros.rest.shape[1] < n:
+        X, definite = _solve_quotient(half, gamma, feedback)
+    else:
+        try:
+            X = stabilizing_solution(_hamiltonian(half, feedback))
+        except RiccatiError as error:
+            raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
+        definite = _is_semidefinite(X, half.natural_size)
+    return X, -(feedback[:, :n] + feedback[:, n:] @ X), definite
+
+
+def _is_semidefinite(X: Matrix, natural_size: float) -> bool:
+    """Return whether no eigenvalue is negative. A Cholesky factor of a slightly larger matrix, if it exists, tells."""
+    if not dpotrf(X + 0.5 * _SEMIDEFINITE * natural_size * np.eye(X.shape[0]))[1]:
+        return True
     eigenvalues = np.linalg.eigvalsh(X)
-    definite = eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size)
-    return X, -(RS + RB @ X), bool(definite)
+    return bool(eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], natural_size))
 
 
 def has_no_solution(half: RiccatiData, gamma: float) -> bool:
@@ -105,7 +115,7 @@ def has_no_solution(half: RiccatiData, gamma: float) -> bool:
     if half.quotient is not None:
         return has_no_solution(half.quotient, gamma)
     n, w = half.A.shape[0], np.flatnonzero(np.diag(half.J))
-    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, *_feedback(half, gamma))).imag)
+    crossings = np.abs(np.linalg.eigvals(_hamiltonian(half, _feedback(half, gamma))).imag)
     ends = np.concatenate([[0.0], np.unique(crossings), [2.0 * np.max(crossings)]])
     omega = 0.5 * (ends[:-1] + ends[1:])
     omega = omega[omega > 0.0]
@@ -119,29 +129,26 @@ def has_no_solution(half: RiccatiData, gamma: float) -> bool:
     return bool(np.any(np.linalg.norm(left, 2, axis=(1, 2)) > gamma + rounding))
 
 
-def _feedback(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix]:
-    """Return `R^-1 S` and `R^-1 B^T` at a level."""
-    n = half.A.shape[0]
+def _feedback(half: RiccatiData, gamma: float) -> Matrix:
+    """Return `R^-1 [S, B^T]` at a level, (m1 + m2, 2n)."""
     _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, half.SB)
     if singular:
         raise np.linalg.LinAlgError("R - gamma^2 J is singular")
-    return solved[:, :n], solved[:, n:]
+    return np.asarray(solved, dtype=np.float64)
 
 
-def _hamiltonian(half: RiccatiData, RS: Matrix, RB: Matrix) -> Matrix:
-    """Return the Hamiltonian matrix of the equation, (2n, 2n)."""
-    n, B = half.A.shape[0], half.B
-    H = np.empty((2 * n, 2 * n))
-    H[:n, :n] = half.A - B @ RS
-    H[:n, n:] = -B @ RB
-    H[n:, :n] = half.SB[:, :n].T @ RS - half.Q
+def _hamiltonian(half: RiccatiData, feedback: Matrix) -> Matrix:
+    """Return the Hamiltonian matrix of the equation, (2n, 2n), whose lower half repeats the upper to the bit."""
+    n = half.A.shape[0]
+    H = half.H - half.into @ feedback
     H[n:, n:] = -H[:n, :n].T
     return H
 
 
-def _solve_quotient(half: RiccatiData, gamma: float, RS: Matrix, RB: Matrix) -> tuple[Matrix, bool]:
+def _solve_quotient(half: RiccatiData, gamma: float, feedback: Matrix) -> tuple[Matrix, bool]:
     """Return a Riccati solution with the states of zeros near the axis split off, and True if it is not negative."""
-    X, definite, N = np.zeros_like(half.A), True, half.zeros.rest
+    X, definite, N, n = np.zeros_like(half.A), True, half.zeros.rest, half.A.shape[0]
+    RS, RB = feedback[:, :n], feedback[:, n:]
     if half.quotient is not None:
         inner, _, definite = solve_riccati(half.quotient, gamma)
         X = N @ inner @ N.T

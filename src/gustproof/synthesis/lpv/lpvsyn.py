@@ -90,7 +90,7 @@ class LftController(CheckedController):
     """A controller with a copy of the plant's parameters.
 
     `norm` bounds the L2 gain for parameters that change at any speed within their ranges. It is the H-infinity norm of
-    the scaled closed loop. `controller` reads y, then the parameters' outputs; it makes u, then the parameters' inputs.
+    the scaled closed loop. `controller` is the one in the middle of the ranges.
 
     Examples
     --------
@@ -106,16 +106,8 @@ class LftController(CheckedController):
 
     gamma_opt: float
     """[-] least level for which the inequalities have a solution, by the solver."""
-    blocks: tuple[RealBlock, ...]
-    """The parameters."""
-
-    @property
-    def scheduled(self) -> Uncertain:
-        """Return the controller as a system of the parameters, `u = K(rho) y`."""
-        K, r = self.controller, sum(block.repeats for block in self.blocks)
-        p, m = K.n_inputs - r, K.n_outputs - r
-        inputs, outputs = [*range(p, p + r), *range(p)], [*range(m, m + r), *range(m)]
-        return Uncertain(M=K.subsystem(outputs, inputs), blocks=self.blocks)
+    scheduled: Uncertain
+    """The controller as a system of the parameters, `u = K(rho) y`."""
 
 
 def lpvsyn(
@@ -349,8 +341,10 @@ def _lft_controller(P: Uncertain, n_meas: int, n_con: int, backoff: float) -> Lf
     scaling = _scaling(matrices)
     plant = _scaled_plant(P.M, scaling, level, (n_meas, n_con))
     result = hinfsyn(plant, n_meas + sum(repeats), n_con + sum(repeats), gamma=1.0)
+    outputs, inputs = (np.roll(range(count + sum(repeats)), sum(repeats)).tolist() for count in (n_con, n_meas))
+    scheduled = Uncertain(M=result.controller.subsystem(outputs, inputs), blocks=blocks)
     return LftController(
-        controller=result.controller,
+        controller=scheduled.nominal_system(),
         gamma=level,
         norm=level * result.norm,
         omega=result.omega,
@@ -359,7 +353,7 @@ def _lft_controller(P: Uncertain, n_meas: int, n_con: int, backoff: float) -> Lf
             f"the scaled loop's H-infinity norm is {result.norm:.6f}: the L2 gain is at most {level * result.norm:.6g}",
         ),
         gamma_opt=least,
-        blocks=blocks,
+        scheduled=scheduled,
     )
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,8 @@ _FIT_TOLERANCE = 0.01
 """[-] error of a fitted logarithm at the peak of mu that is small enough; less counts where mu is lower."""
 _SHARES_OF_G, _LARGEST_PHASE = (1.0, 0.5, 0.0), 1.4
 """Shares of a multiplier's phase that are fitted in turn, and the largest phase [rad]; at pi/2, D would be 0."""
+_SHARE_OF_PERFORMANCE = 0.01
+"""[-] norm of the performance channels, with the last controller tried, where only stability over the family counts."""
 _LEAST_WEIGHT = 0.03
 """[-] weight of a fit where mu is far below its peak."""
 
@@ -129,7 +131,8 @@ def musyn(
     tolerance
         [-] relative fall of the bound below which the search ends.
     start
-        Controller to start from; by default the better of two H-infinity controllers.
+        Controller to start from. By default the better of two H-infinity controllers, or for the last two measures
+        one of a small mu of stability if neither has a finite bound.
     progress
         Called after each step with a share and a text.
 
@@ -162,7 +165,10 @@ def musyn(
     if order < 0 or not 0.0 < tolerance < 1.0 or measure not in ("mu", "wcgain", "l2gain"):
         raise ValueError(f"order {order}, tolerance {tolerance} or measure '{measure}' is out of range")
     problem = _Problem(plant=plant, n_meas=n_meas, n_con=n_con, measure=measure)
-    controller, first = _best_start(problem, start)
+    if start is None:
+        controller, first = _automatic_start(problem, order, tolerance)
+    else:
+        controller, first = _best_start(problem, [_Candidate(as_continuous("start", start))])
     history = [first]
     for number in range(_ITERATIONS):
         found = history[-1]
@@ -244,31 +250,61 @@ def _checked_plant(P: Uncertain | LinearSystem, n_meas: int, n_con: int, blocks:
     return plant
 
 
-def _best_start(problem: _Problem, start: LinearSystem | None) -> tuple[Lti, MuStep]:
-    """Return the given controller, or the better one of those for all channels of Delta and for none of them."""
+class _Candidate(NamedTuple):
+    """A controller to start from, and what is known of it."""
+
+    controller: Lti
+    level: float = math.inf
+    """[-] least level of its design."""
+    bound: float = math.inf
+    """[-] bound of the measure, if its design proves one."""
+
+
+def _automatic_start(problem: _Problem, order: int, tolerance: float) -> tuple[Lti, MuStep]:
+    """Return the better controller of those for all channels of Delta and for none, or else one of a small mu.
+
+    With all channels, the norm is a bound of mu. The other measures may have no finite bound with either controller.
+    """
     candidates, failures = [], []
-    if start is not None:
-        candidates.append((math.inf, math.inf, as_continuous("start", start)))
-    else:
-        for part in (problem.plant.M, problem.plant.nominal_system()):
-            try:
-                found = hinfsyn(part, problem.n_meas, problem.n_con, backoff=_BACKOFF)
-            except (DesignError, ValueError) as error:  # ValueError: no w or z without the channels of Delta
-                failures.append(str(error))
-                continue
-            # the norm over all channels is a bound of mu, with all scalings 1
-            known = found.norm if problem.measure == "mu" and part is problem.plant.M else math.inf
-            candidates.append((found.gamma_opt, known, found.controller))
+    for part in (problem.plant.M, problem.plant.nominal_system()):
+        try:
+            found = hinfsyn(part, problem.n_meas, problem.n_con, backoff=_BACKOFF)
+        except (DesignError, ValueError) as error:  # ValueError: no w or z without the channels of Delta
+            failures.append(str(error))
+            continue
+        known = found.norm if problem.measure == "mu" and part is problem.plant.M else math.inf
+        candidates.append(_Candidate(found.controller, found.gamma_opt, known))
     if not candidates:
         raise DesignError(failures[0])
-    bounds = [min(known, _upper_bound(close_loop(problem.plant, K), problem.measure)) for _, known, K in candidates]
+    try:
+        return _best_start(problem, candidates)
+    except DesignError:
+        if problem.measure == "mu":
+            raise
+        # with a small share of the performance, mu is about stability over the family
+        M, weight = problem.plant.M, np.ones((problem.plant.M.n_outputs, 1))
+        weight[problem.plant.n_z : M.n_outputs - problem.n_meas] = _SHARE_OF_PERFORMANCE / candidates[-1].level
+        modest = replace(problem.plant, M=Lti(A=M.A, B=M.B, C=weight * M.C, D=weight * M.D))
+        steady = musyn(modest, problem.n_meas, problem.n_con, order=order, tolerance=tolerance)
+        return _best_start(problem, [_Candidate(steady.controller)])
+
+
+def _best_start(problem: _Problem, candidates: list[_Candidate]) -> tuple[Lti, MuStep]:
+    """Return the candidate with the least bound, and its step.
+
+    Raises
+    ------
+    DesignError
+        If no bound is finite.
+    """
+    loops = [close_loop(problem.plant, each.controller) for each in candidates]
+    bounds = [
+        min(each.bound, _upper_bound(loop, problem.measure)) for each, loop in zip(candidates, loops, strict=True)
+    ]
     best = int(np.argmin(bounds))
     if not math.isfinite(bounds[best]):
-        raise DesignError(
-            f"no start has a finite bound of {problem.measure}: take less uncertainty, or start from the controller "
-            "of measure 'mu'"
-        )
-    level, _, controller = candidates[best]
+        raise DesignError(f"no start has a finite bound of {problem.measure}: take less uncertainty")
+    controller, level, _ = candidates[best]
     return controller, MuStep(level=level, upper=bounds[best], filter_orders=(), order=controller.order)
 
 

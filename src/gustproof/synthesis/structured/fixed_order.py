@@ -1,6 +1,8 @@
 """Solve a design for a controller with fewer states than the plant, one part for each axis."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import Design
 from gustproof.synthesis.methods import uncertain_plant
 from gustproof.synthesis.structured.blocks import decoupled_structure, observer_structure
+from gustproof.synthesis.structured.goals import Goal
 from gustproof.synthesis.structured.hinfstruct import Progress, StructResult, hinfstruct
 from gustproof.synthesis.structured.robust import robust_hinfstruct
 
@@ -26,12 +29,14 @@ def solve_structured(
     seed: int,
     progress: Progress,
     envelope: Envelope | None = None,
+    hard_goals: Sequence[Goal] = (),
 ) -> StructResult:
     """Return a controller of `order` states in total, the same number for each axis, without coupling between axes.
 
-    With two or more states an axis, a regulator's states begin with Euler angles and body rates, as in a central
-    controller. Its law can then be self-scheduled. With an `envelope` of attitudes and rates, constant in time, the
-    worst of them are designed for in turn, and the gain over all of them is certified.
+    The controller satisfies the `hard_goals`. With two or more states an axis, a regulator's states begin with Euler
+    angles and body rates, as in a central controller. Its law can then be self-scheduled. With an `envelope` of
+    attitudes and rates, constant in time, the worst of them are designed for in turn, and the gain over all of them is
+    certified.
 
     Raises
     ------
@@ -52,12 +57,13 @@ def solve_structured(
     else:
         structure = decoupled_structure(each, problem.n_meas, problem.n_con)
     sizes = problem.n_meas, problem.n_con
+    own: dict[str, Any] = {"structure": structure, "hard_goals": hard_goals}
     if envelope is None:
         plant = problem.plant()
-        result = hinfstruct(plant, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
+        result = hinfstruct(plant, *sizes, **own, starts=starts, seed=seed, progress=progress)
     else:
         family = uncertain_plant(design, problem, envelope)
-        result = robust_hinfstruct(family, *sizes, structure=structure, starts=starts, seed=seed, progress=progress)
+        result = robust_hinfstruct(family, *sizes, **own, starts=starts, seed=seed, progress=progress)
     # from one block an axis to the order of a law: all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
     return replace(result, controller=_reorder_states(result.controller, first))

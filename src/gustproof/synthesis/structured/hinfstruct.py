@@ -282,8 +282,14 @@ def _starting_points(problem: Problem, starts: int, seed: int) -> tuple[float | 
 
 
 def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Matrix) -> tuple[Start, Matrix]:
-    """Return the result of one start: stabilise, then satisfy the hard goals, then minimise."""
-    stable = minimize(problem.stability(), theta, steps=_STABILIZING_STEPS, stop_below=_STABLE_ABSCISSA)
+    """Return the result of one start: stabilise, then satisfy the hard goals, then minimise.
+
+    The entries of a static gain, in units of 1, may be of very different sizes.
+    """
+    relative = problem.unit is None and not problem.structure.order
+    stable = minimize(
+        problem.stability(), theta, steps=_STABILIZING_STEPS, stop_below=_STABLE_ABSCISSA, relative=relative
+    )
     theta = stable.theta
     if stable.value >= 0.0 or (
         not np.isfinite(objective.use_penalty(1.0).goal_values(theta)[0]) and stable.value > _STABLE_ABSCISSA
@@ -295,7 +301,7 @@ def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Mat
             return Start(name=name, target=np.inf, failure=", ".join(wrong)), theta
         theta = _trade_off(objective, theta)
     else:
-        theta = _find_minimum(objective.use_penalty(1.0), theta)
+        theta = _find_minimum(objective.use_penalty(1.0), theta, relative=relative)
     target = objective.goal_values(theta)[0]
     failure = "" if np.isfinite(target) else "the target is infinite: white noise passes straight through"
     return Start(name=name, target=target, failure=failure), theta
@@ -317,11 +323,13 @@ def _satisfy(objective: PenaltyFunction, theta: Matrix) -> tuple[Matrix, dict[st
     return theta, hard
 
 
-def _find_minimum(objective: PenaltyFunction, theta: Matrix, *, stop_below: float = -np.inf) -> Matrix:
+def _find_minimum(
+    objective: PenaltyFunction, theta: Matrix, *, stop_below: float = -np.inf, relative: bool = False
+) -> Matrix:
     """Return a local minimum near `theta`, or `theta` where the function is infinite."""
     if not np.isfinite(objective.value(theta)):
         return theta
-    return minimize(objective, theta, steps=_STEPS, stop_below=stop_below).theta
+    return minimize(objective, theta, steps=_STEPS, stop_below=stop_below, relative=relative).theta
 
 
 def _perturb(objective: PenaltyFunction, theta: Matrix, rng: np.random.Generator) -> Matrix:

@@ -18,6 +18,8 @@ _HALVINGS = 30
 _STALL = 20
 """Number of steps over which progress is measured."""
 _CYCLES, _JOINT_STEPS = 6, 40
+_FIRST_STEP, _LEAST_SHARE = 0.1, 1e-3
+"""[-] relative size of the first step, and part of the largest parameter as which smaller ones count in it."""
 _NEAR = 0.05
 """[-] branches within this fraction of the largest are lowered together."""
 _CYCLE_GAIN = 1e-4
@@ -54,7 +56,13 @@ class Minimum:
 
 
 def minimize(
-    function: Function, theta: Matrix, *, steps: int, tolerance: float = 1e-6, stop_below: float = -np.inf
+    function: Function,
+    theta: Matrix,
+    *,
+    steps: int,
+    tolerance: float = 1e-6,
+    stop_below: float = -np.inf,
+    relative: bool = False,
 ) -> Minimum:
     """Return a local minimum near `theta`, where the function must be finite; never a higher value.
 
@@ -73,6 +81,8 @@ def minimize(
         [-] relative progress in 20 steps below which a series of steps ends.
     stop_below
         Value below which the search stops.
+    relative
+        True to measure the first steps by relative changes of the parameters, which may be of very different sizes.
 
     References
     ----------
@@ -80,9 +90,10 @@ def minimize(
     135-163. P. Apkarian, D. Noll, Nonsmooth H-infinity synthesis, IEEE TAC 51 (2006), 71-86.
     """
     least, value = np.inf, function.value(theta)
+    stops = tolerance, stop_below
     for _ in range(_CYCLES):
-        for most, near in ((steps, 0.0), (_JOINT_STEPS, _NEAR)):
-            theta, value = _bfgs(function, theta, value, most, near, tolerance, stop_below)
+        theta, value, metric = _bfgs(function, theta, value, steps, stops, relative=relative)
+        theta, value, _ = _bfgs(function, theta, value, _JOINT_STEPS, stops, relative=relative, metric=metric)
         if value <= stop_below or least - value <= _CYCLE_GAIN * abs(value):
             break
         least = value
@@ -90,11 +101,24 @@ def minimize(
 
 
 def _bfgs(
-    function: Function, theta: Matrix, value: float, steps: int, near: float, tolerance: float, stop_below: float
-) -> tuple[Matrix, float]:
-    """Return parameters and value after quasi-Newton steps on the branches within `near` of the largest."""
-    history, fresh, W = [value], True, np.eye(theta.size)
-    branches = function.branches(theta, near)
+    function: Function,
+    theta: Matrix,
+    value: float,
+    steps: int,
+    stops: tuple[float, float],
+    *,
+    relative: bool,
+    metric: Matrix | None = None,
+) -> tuple[Matrix, float, Matrix]:
+    """Return parameters, value and metric after quasi-Newton steps on the largest branch.
+
+    With the `metric` of steps before, all nearly active branches are lowered together instead. A metric that has become
+    stale is replaced by each of the two first ones in turn. `stops` are the tolerance and the value that end it.
+    """
+    tolerance, stop_below = stops
+    history, near = [value], 0.0 if metric is None else _NEAR
+    branches, fresh = function.branches(theta, near), int(metric is None)  # first metrics tried in turn
+    W = _first_metric(theta, branches, relative=relative) if metric is None else metric
     for _ in range(steps):
         if value <= stop_below or not branches:
             break
@@ -102,20 +126,27 @@ def _bfgs(
         direction = -W @ gradient
         found = _weak_wolfe(function, theta, value, direction, gradient, stop_below)
         if found is None:
-            if fresh:
+            if fresh == 2:
                 break
-            W, fresh = np.eye(theta.size), True  # the metric is stale: restart with steepest descent
+            W, fresh = _first_metric(theta, branches, relative=relative == (fresh == 0)), fresh + 1
             continue
         length, value = found
         theta = theta + length * direction
         branches = function.branches(theta, near)
         if branches:
-            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh)
-        fresh = False
+            W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh > 0)
+        fresh = 0
         history.append(value)
         if len(history) > _STALL and history[-1 - _STALL] - value <= tolerance * abs(value):
             break
-    return theta, value
+    return theta, value, W
+
+
+def _first_metric(theta: Matrix, branches: list[Branch], *, relative: bool) -> Matrix:
+    """Return the identity, or a metric in which the first step changes the parameters by a tenth of themselves."""
+    squares = theta**2 + (_LEAST_SHARE * np.max(np.abs(theta))) ** 2
+    slope = float(branches[0].gradient @ (squares * branches[0].gradient)) if branches else 0.0
+    return np.diag(_FIRST_STEP / np.sqrt(slope) * squares) if relative and slope > 0.0 else np.eye(theta.size)
 
 
 def _weak_wolfe(

@@ -84,8 +84,11 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, translation: str, fault: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
-    facts = fly(tmp_path, capsys, translation=translation)
+    given = tmp_path / "given.parm"
+    given.write_text("ATC_RAT_RLL_P 0.1\nRATE_RLL_P 0.2\n")
+    facts = fly(tmp_path, capsys, "--params", str(given), translation=translation)
     assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 400)
+    assert facts["autopilot"]["unknown_parameters"] == ["RATE_RLL_P"]
     assert facts["autopilot"]["version"] == "4.7.0 (abcdef01)"
     _, records = read_journal(tmp_path / "flight.journal")
     assert len(records) == 400

@@ -85,6 +85,7 @@ def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
     assert blown.force_B == pytest.approx((plane, 2.0 * plane, 4.0 * axis))
 
 
+@pytest.mark.compiled
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
     params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))

@@ -248,6 +248,7 @@ def test_a_held_vehicle_leans_the_way_the_wind_blows_in_its_own_axes() -> None:
     assert not records["gust_B"][125:].any()
 
 
+@pytest.mark.compiled
 def test_a_moment_of_the_earth_is_turned_into_body_axes() -> None:
     push = MomentStep(kind="step", amplitude_nm=(0.5, 0.0, 0.0), frame="ned")
     spin = MomentStep(kind="step", amplitude_nm=(0.0, 0.0, 0.3))

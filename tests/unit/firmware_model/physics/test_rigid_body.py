@@ -45,6 +45,7 @@ def momentum_N(body: Body) -> np.ndarray:
     return np.array(rotate(body.q_NB, (L[0], L[1], L[2])))
 
 
+@pytest.mark.compiled
 def test_without_torque_energy_and_angular_momentum_stay() -> None:
     start = REST._replace(omega_B=(1.5, -0.8, 2.0))
     end = fly(start, params(), NOTHING, 10.0, 0.001)

@@ -64,6 +64,7 @@ def test_what_is_given_is_what_the_rotors_make_and_no_rotor_leaves_its_range(nam
     assert rotors.max() <= (1.0 + 1e-12) * most
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", QUADS)
 @given(rotors=st.tuples(*[st.floats(0.0, 1.0)] * 4))
 @settings(max_examples=200, deadline=None)

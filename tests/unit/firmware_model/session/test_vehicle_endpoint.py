@@ -208,6 +208,7 @@ def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
     assert vehicle.endpoint.counters == {RejectReason.OTHER_TARGET: 2}
 
 
+@pytest.mark.compiled
 def test_what_is_refused_is_counted_and_told_to_all(vehicle):
     vehicle.say(HEARTBEAT, port=2)
     for target in (1, 1, 9):
@@ -317,6 +318,7 @@ def test_generic_autopilot_tells_all_parameters_as_real_numbers():
     assert vehicle.take("HEARTBEAT")[0].autopilot == wire.MAV_AUTOPILOT_GENERIC
 
 
+@pytest.mark.compiled
 def test_silent_peer_is_forgotten_after_10_s(vehicle):
     vehicle.say(HEARTBEAT)
     vehicle.wait(20_000_000)
@@ -465,6 +467,7 @@ def test_real_time_flight_keeps_absolute_deadlines_through_a_stall(vehicle):
     assert vehicle.endpoint.flight.counters[TimingFault.OVERRUN] == 9
 
 
+@pytest.mark.compiled
 def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     vehicle = Vehicle(lockstep=False, duration_s=2.0)
     vehicle.take_off()
@@ -476,6 +479,7 @@ def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     assert vehicle.take("HEARTBEAT")[-1].base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED == 0
 
 
+@pytest.mark.compiled
 def test_another_controller_takes_over_only_when_the_stream_is_dead():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     vehicle.take_off()
@@ -643,6 +647,7 @@ class Controlled(Vehicle):
                 self.now_us = max(self.endpoint.deadline_us(), self.now_us + 1)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("watched", [False, True])
 @pytest.mark.parametrize("rates", [False, True])
 def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monkeypatch):
@@ -697,6 +702,7 @@ def test_heartbeat_is_sent_in_time_on_the_fast_path():
     assert len(vehicle.modes) == 5
 
 
+@pytest.mark.compiled
 def test_one_poll_flies_at_most_250_samples():
     vehicle = Controlled(duration_s=2.0)
     vehicle.poll()

@@ -117,6 +117,7 @@ def test_an_actuator_answers_with_its_new_lag() -> None:
         scripted(physics_rate_hz=500, event=[{"kind": "actuator_lag", "at_s": 0.0, "lag_s": 0.001}])
 
 
+@pytest.mark.compiled
 def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
     # Held: the same moment turns it the more slowly, by the inertias alone.
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(-0.05, 0.0, 0.0))

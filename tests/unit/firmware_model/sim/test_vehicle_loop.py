@@ -115,12 +115,14 @@ def test_the_strapdown_attitude_follows_the_truth() -> None:
     np.testing.assert_allclose(loop.estimate_q_NB, loop.q_NB, atol=1e-4)
 
 
+@pytest.mark.compiled
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
     assert fly(scenario, LevelFlight(), 3).tobytes() == fly(scenario, LevelFlight(), 3).tobytes()
     assert fly(scenario, LevelFlight(), 3).tobytes() != fly(scenario, LevelFlight(), 4).tobytes()
 
 
+@pytest.mark.compiled
 def test_a_flight_twice_as_long_begins_identically() -> None:
     wind = load_scenario("paper").wind
     short = Scenario(name="s", description="", duration_s=0.5, wind=wind)

@@ -1,7 +1,7 @@
 import re
 import shutil
 import subprocess
-from ctypes import CDLL, POINTER, c_double
+from ctypes import CDLL, c_void_p
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.law.form import Law, RateLimit, list_laws, load_law
+from gustproof.law.form import Law, RateLimit, Schedule, list_laws, load_law
 from gustproof.law.io.c import c_name, c_unit, save_c
 from gustproof.law.step import sparse_law, step
 
@@ -51,7 +51,15 @@ def coupled_law() -> Law:
     parts["A"][4, 4], parts["D"][2, 2], parts["C"][2, 5], parts["B"][0, 0] = 1.0 / 3.0, -1.0, 1.0, 1e-300
     # at x = 0, y = -0.0 each product of the first command is -0.0, the command is not
     parts["C"][0], parts["D"][0] = -np.abs(parts["C"][0]), np.abs(parts["D"][0])
-    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), rate_limit=limit, **parts)
+    names = ("phi", "theta", "p", "q", "r", "phi")
+    sizes = {"J": (6, COUPLED), "K": (6, 8), "L": (6, 6), "P": (3, 6), "Q": (COUPLED, 6)}
+    turn = Schedule(
+        parameters=names,
+        limits=np.array([0.3, 0.1, 0.5, 1.0, 0.7, 3.0]),
+        **{name: rng.uniform(-0.2, 0.2, shape) for name, shape in sizes.items()},
+    )
+    both = {"rate_limit": limit, "schedule": turn}
+    return replace(load_law("aided"), name="coupled", limits=np.array([0.05, 0.3, 0.4]), **both, **parts)
 
 
 def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -> Path:
@@ -69,7 +77,7 @@ def compiled(law: Law, tmp_path, *flags: str, compiler: str | None = COMPILER) -
 def compiled_step(law: Law, tmp_path):
     library = compiled(law, tmp_path)
     function = getattr(CDLL(str(library)), f"{c_name(law.name)}_step")
-    function.argtypes = [POINTER(c_double)] * 3
+    function.argtypes = [c_void_p] * 3
     return function
 
 
@@ -78,25 +86,24 @@ def slow_rates(rng: np.random.Generator) -> np.ndarray:
     return np.repeat(rng.normal(0.0, 1.0, (STEPS // 100, 3)), 100, axis=0) + rng.normal(0.0, 0.1, (STEPS, 3))
 
 
-def pointer(array):
-    return array.ctypes.data_as(POINTER(c_double))
-
-
 def assert_same_bits(law: Law, inputs, tmp_path) -> None:
-    function = compiled_step(law, tmp_path)
-    x, mine, command = np.zeros(law.order), np.zeros(max(law.order, 1)), np.empty(3)
-    cut = fast = 0
-    for y in inputs:
-        fast += law.rate_limit is not None and bool(np.any(np.abs(x[:2]) > law.attitude_limits[:2]))
-        x, expected = step(law, x, y)
-        function(pointer(mine), pointer(y), pointer(command))
-        assert command.tobytes() == expected.tobytes()
-        assert mine[: law.order].tobytes() == x.tobytes()
-        cut += np.count_nonzero(np.abs(command) == law.limits)
+    function, inputs = compiled_step(law, tmp_path), np.ascontiguousarray(inputs)
+    count, x, mine = len(inputs), np.zeros(law.order), np.zeros(max(law.order, 1))
+    states, own = np.zeros((count + 1, law.order)), np.zeros((count, law.order))
+    expected, commands = np.empty((count, 3)), np.empty((count, 3))
+    for k, y in enumerate(inputs):
+        x, expected[k] = step(law, x, y)
+        states[k + 1] = x
+        function(mine.ctypes.data, inputs.ctypes.data + k * inputs.strides[0], commands.ctypes.data + 24 * k)
+        own[k] = mine[: law.order]
+    assert commands.tobytes() == expected.tobytes()
+    assert own.tobytes() == states[1:].tobytes()
     assert np.all(np.isfinite(x))
-    assert 0 < cut < 3 * len(inputs)  # both sides of the limit were seen
+    # both sides of the limit were seen
+    assert 0 < np.count_nonzero(np.abs(commands) == law.limits) < 3 * count
     if law.rate_limit is not None:
-        assert 0 < fast < len(inputs)
+        fast = np.any(np.abs(states[:-1, :2]) > law.attitude_limits[:2], axis=1)
+        assert 0 < np.count_nonzero(fast) < count
 
 
 @pytest.mark.compiled

@@ -228,7 +228,16 @@ def test_the_unit_has_no_warnings_as_c_and_cpp(name, form, compiler, tmp_path):
 @needs_compiler
 @pytest.mark.parametrize("name", [name for name in list_laws() if name != "aided"])
 def test_single_precision_gives_the_bits_of_its_twin(name, tmp_path):
-    law, rng = load_law(name), np.random.default_rng(5)
+    assert_twins(load_law(name), tmp_path)
+
+
+@needs_compiler
+def test_single_precision_of_a_scheduled_law_gives_the_bits_of_its_twin(turn, tmp_path):
+    assert_twins(turn(load_law("hinf-scheduled")), tmp_path)
+
+
+def assert_twins(law, tmp_path):
+    rng = np.random.default_rng(5)
     unit, twin = Unit(law, tmp_path, single=True), SingleLaw(law)
     unit.call("init")
     x = np.zeros(len(unit.x), dtype=np.float32)

@@ -13,6 +13,9 @@ MATRICES = ("A", "B", "C", "D", "G", "H", "limits")
 
 
 def assert_equal(law, read) -> None:
+    assert (read.schedule and read.schedule.parameters) == (law.schedule and law.schedule.parameters)
+    for name in ("J", "K", "L", "P", "Q", "limits") if law.schedule is not None else ():
+        assert getattr(law.schedule, name).tobytes() == getattr(read.schedule, name).tobytes(), name
     for name in MATRICES:
         assert getattr(law, name).tobytes() == getattr(read, name).tobytes(), name
     assert (read.name, read.dt, read.output, read.provenance) == (law.name, law.dt, law.output, law.provenance)
@@ -34,6 +37,13 @@ def test_a_law_comes_back_from_matlab_and_from_tables_to_the_bit(law, tmp_path):
     save_csv(law, tmp_path / "law")
     assert_equal(law, read_law(str(tmp_path / "law.mat")))
     assert_equal(law, read_law(str(tmp_path / "law")))
+
+
+def test_a_scheduled_law_comes_back_and_its_schedule_is_whole(turn, tmp_path):
+    test_a_law_comes_back_from_matlab_and_from_tables_to_the_bit(turn(load_law("aided")), tmp_path)
+    (tmp_path / "law" / "K.csv").unlink()
+    with pytest.raises(LawFileError, match="K: missing, a schedule has J, K, L, P, Q, schedule_limits"):
+        load_csv(tmp_path / "law")
 
 
 def test_four_matrices_of_the_gyro_and_a_sample_time_are_enough(tmp_path):

@@ -12,7 +12,7 @@ from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.report.html.page import NumberBlock, render_page
 from gustproof.report.html.runs import read_runs
-from gustproof.report.html.tables import render_tiles
+from gustproof.report.html.tables import render_headline
 
 
 @pytest.fixture
@@ -59,8 +59,8 @@ def test_words_of_a_user_are_words_on_the_page(runs):
 def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
     page = render_page(runs)
     assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
-    assert re.search(r"<td>1\.36</td>", page)  # pid-fair's sensitivity peak
-    assert page.count('<th scope="col">') == 1 + len(runs) + 9
+    assert re.search(r"<td class='num'>1\.36</td>", page)  # pid-fair's sensitivity peak
+    assert page.count('scope="col">') == len(runs) + 9
 
 
 def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
@@ -104,13 +104,13 @@ def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recor
     runs = read_runs(
         [recorded(name, law=name, q_NB=q) for name, q in zip(("pid-fair", "hinf-d1"), turned, strict=True)]
     )
-    tiles = render_tiles(runs)
+    tiles = render_headline(runs)
     assert re.findall(r"<li class='best'>.*?</i>(.*?)</span><b>(.*?)</b>", tiles) == [
         ("pid-fair", "0.662"),
         ("pid-fair", "1.15"),
     ]
     assert re.findall(r"<small>(×.*?)</small>", tiles) == ["× 3", "× 3"]
-    alone = render_tiles([runs[0], replace(runs[1], seed=2)])
+    alone = render_headline([runs[0], replace(runs[1], seed=2)])
     assert "class='best'" not in alone
     assert "×" not in alone
 

@@ -16,7 +16,7 @@ W1 = control.tf([1 / 1.5, 10], [1, 10 * 1e-4])
 
 
 def test_mixsyn_reaches_the_level_that_skogestad_prints():
-    """Multivariable Feedback Control, 2nd ed., Example 2.17, p. 66: 1.37."""
+    """Multivariable Feedback Control, 2nd ed., Example 2.17: 1.37."""
     result = mixsyn(G, W1, 1.0)
     assert result.gamma_opt == pytest.approx(1.37, abs=0.005)
     assert result.norm < result.gamma

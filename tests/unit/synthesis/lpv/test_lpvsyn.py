@@ -1,6 +1,7 @@
 """Scheduled controllers: published levels, the gain that their loops keep, and each refusal."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -187,6 +188,11 @@ def test_a_point_outside_the_grid_is_refused():
         (tutorial_plant(), {"speeds": (1.0,)}, "takes no speeds"),
         (tutorial_plant(), {"n_meas": 3}, "do not fit"),
         (ultidyn("delta") @ gain(np.eye(1)), {}, "real parameters, and no other"),
+        (as_uncertain(lag((1.0,))), {}, "real parameters, and no other"),
+        (replace(tutorial_plant(), M=replace(tutorial_plant().M, dt=0.1)), {}, "the plant is discrete"),
+        (tutorial_plant(), {"backoff": np.inf}, "backoff is inf"),
+        (tutorial_plant(), {"basis": lambda rho: (1.0, *rho)}, "takes no speeds, basis or plant"),
+        ({}, {}, "two points"),
     ],
 )
 def test_bad_input_is_refused(grid, options, match):
@@ -201,6 +207,25 @@ def test_bad_input_is_refused(grid, options, match):
 def test_a_plant_without_weight_or_noise_is_refused(rows, match):
     with pytest.raises(DesignError, match=match):
         lpvsyn({(k,): lag((k,), np.array(rows, dtype=float)) for k in (1.0, 2.0)}, 1, 1)
+
+
+def turned_lag(C: float, weight: float) -> Uncertain:
+    """Return an unstable lag whose pole is a parameter, measured with the gain `C`, its control weighted."""
+    A, rest = ureal("pole", low=1.0, high=3.0) @ [[1.0, 0, 0, 0]], [[0, 0, 0, weight], [C, 0, 0.1, 0]]
+    return system_from_matrix([[1.0], [0], [0], [0]] @ A + [[0, 1.0, 0, 1.0], [1.0, 0, 0, 0], *rest], 1)
+
+
+@pytest.mark.parametrize(
+    ("plant", "match"), [(turned_lag(0.0, 0.1), "no solution"), (turned_lag(1.0, 0.0), "D12|singular|rank|no solution")]
+)
+def test_an_lft_without_solution_is_refused(plant, match):
+    with pytest.raises(DesignError, match=match):
+        lpvsyn(plant, 1, 1)
+
+
+def test_a_feedthrough_that_nothing_lowers_is_the_least_level():
+    grid = {(k,): lag((k,), np.array([[9.0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]])) for k in (1.0, 2.0)}
+    assert lpvsyn(grid, 1, 1).gamma_opt == pytest.approx(9.0, rel=0.05)
 
 
 def test_a_plant_that_nothing_stabilises_is_refused():

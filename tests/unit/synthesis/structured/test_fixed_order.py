@@ -23,6 +23,7 @@ def solver(order: int):
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_law_of_the_order_asked_for(tmp_path):
     path = tmp_path / "reduced.json"
     arguments = ["design", "D2", "--method", "hinfstruct", "--order", "6", "--starts", "1", "-o", str(path), "--json"]

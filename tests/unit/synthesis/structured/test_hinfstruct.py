@@ -31,8 +31,10 @@ NEAR = 1.005
 """A local search may end this far above the least value known; it may be below."""
 SEED = 2
 """With it one start is enough for most plants, which spares the gate the default five."""
-STARTS = {"AC15": 2, "NN8": 3}
+STARTS = {"NN8": 2, "REA1": 2}
 """Starts for a plant that wants more."""
+SEEDS = {"DIS3": 1}
+"""Another seed for a plant that would want more starts with that one."""
 
 
 def compleib(name: str) -> tuple[control.StateSpace, int, int]:
@@ -60,7 +62,7 @@ def roll(inertia: float = 1.0) -> Lti:
 @pytest.mark.parametrize("name", sorted(GOLDEN))
 def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
     P, n_meas, n_con = compleib(name)
-    result = hinfstruct(P, n_meas, n_con, order=0, starts=STARTS.get(name, 1), seed=SEED)
+    result = hinfstruct(P, n_meas, n_con, order=0, starts=STARTS.get(name, 1), seed=SEEDS.get(name, SEED))
     K = result.K
     assert K.nstates == 0
     assert result.gamma <= NEAR * GOLDEN[name]["gamma"]

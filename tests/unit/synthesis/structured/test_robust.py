@@ -91,6 +91,7 @@ def test_a_sampled_delay_is_exact_and_a_continuous_one_has_the_phase_of_its_orde
     assert np.all(np.abs(np.angle(ratio * np.exp(0.15j * omega))) < np.radians(1.0))
 
 
+@pytest.mark.slow
 def test_a_delay_has_its_price():
     prompt, late = (hinfstruct(P, 1, 1, starts=1) for P in (LAG, delay_controls(LAG, 1, 0.05)))
     assert late.norm > 1.2 * prompt.norm

@@ -1,0 +1,4 @@
+static double absolute(double x)
+{
+    return x < 0.0 ? -x : x;
+}
