@@ -42,7 +42,7 @@ _MIN_PART = Fraction(1, 1 << 14)
 """[-] part of the moment below which the search gives up."""
 _INERTIA_CELLS, _LAG_CELLS = 24, 32
 """Cells that cover spreads of inertia and lag; more of them cost time and tighten the box."""
-_LEVELLED_SAMPLES = 4096
+_LEVELLED_SAMPLES = 32_768
 """The same for a law that reads tilt: more of them tighten the box."""
 _FIRST_SAMPLES = 512
 """Simulated samples of the norms, doubled until the tail is bounded."""

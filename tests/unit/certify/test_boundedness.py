@@ -600,12 +600,13 @@ def test_limit_of_the_commanded_rate_is_proved_inactive_or_refused(limit, closes
     system = read_system(json.dumps(document), VEHICLE_TEXT)
     norms, case = [axis_norms(system, axis, 1024) for axis in range(3)], make_case(system, claim())
     box = [[Fraction(value) for value in row] for row in certify("flagship").evidence["box"]]
+    follows = estimate_box.map_box(system, norms, case, box)
     if closes:
-        check_box(system, norms, case, box)
+        check_box(system, case, box, follows)
     else:
         with pytest.raises(Refusal, match="limit of the rate"):
-            check_box(system, norms, case, box)
-        check_box(system._replace(rate_limit=None), norms, case, box)
+            check_box(system, case, box, follows)
+        check_box(system._replace(rate_limit=None), case, box, follows)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -827,7 +828,9 @@ def test_a_law_whose_numbers_are_wrong_is_not_proven(tmp_path):
 @pytest.mark.parametrize(
     ("name", "changes", "words"),
     [
-        ("aided", {}, "reads the accelerometer"),
+        ("aided", {"noise": 0.0036}, "reads the accelerometer: its box is proved without noise"),
+        ("aided", {"inertia_spread": 0.1}, "reads the accelerometer: its box is proved without noise"),
+        ("aided", {"lag_spread": 0.1}, "reads the accelerometer: its box is proved without noise"),
         ("flagship", {"moment": (0.0, 0.0, 0.0)}, "moment is 0"),
         ("flagship", {"moment": (math.inf, 0.0, 0.0)}, "must be a finite number"),
         ("flagship", {"horizon": 0.0}, "horizon is 0.0 s"),

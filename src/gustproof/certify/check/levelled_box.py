@@ -22,14 +22,15 @@ parts, both count with the total variation of the response in place of its lengt
 
 leaves `K_0`, the changes of K, and the changes of y: what moves d beside the common rotation (`TURN`).
 
-**Small terms** of D per time are bounded in `_small_terms`: the law's rate lags behind the true one; u differs between M
-and X; d moves within a sample; secant and cosine are not 1; and the third derivative of `T(E) omega`.
+**Small terms** of D per time are bounded in `_small_terms`: the law's rate lags behind the true one; u differs between
+M and X; d moves within a sample; secant and cosine are not 1; and the third derivative of `T(E) omega`.
 
 The argument of Theorem 1 goes sample by sample: D of a sample follows from bounds of this sample and those before.
 
 References
 ----------
-N. H. Abel, Untersuchungen über die Reihe, Journal für die reine und angewandte Mathematik 1 (1826) (summation by parts).
+N. H. Abel, Untersuchungen über die Reihe, Journal für die reine und angewandte Mathematik 1 (1826), 311-339
+(summation by parts).
 """
 
 from fractions import Fraction
@@ -173,9 +174,7 @@ def _bound_motion(system: LoopSystem, box: Box, e: Three) -> _Motion:
     offset = [row[OFFSET] for row in box[:2]] + [zero]
     yaw = box[2][ANGLE]
     yaw_step = h * (LEAK * yaw + rates[2] + e[2])
-    moved = [
-        box[i][TURN] + (yaw_step * offset[1 - i] + yaw_step**2 / 2 * offset[i]) / h for i in range(2)
-    ] + [zero]
+    moved = [box[i][TURN] + (yaw_step * offset[1 - i] + yaw_step**2 / 2 * offset[i]) / h for i in range(2)] + [zero]
     b, u = rates[1] + sin_phi * rates[2], sec * (sin_phi * rates[1] + rates[2])
     return _Motion(angles, speed, offset, moved, yaw, yaw_step, tan, sec, b, u)
 

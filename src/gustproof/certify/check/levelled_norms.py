@@ -47,6 +47,9 @@ LEAK = Fraction(1, 16)
 """[1/s] leak of the angle of yaw."""
 _ULP = 2.0**-52
 _DIVERGED = 1e30
+"""Size of a state after a unit input that shows an unstable loop."""
+_BLOCK = 1024
+"""Samples whose signals are summed up at once."""
 _SPARE = 1e-6
 """[-] share of the largest mode that is added to each, so that z is found."""
 
@@ -91,18 +94,8 @@ def levelled_norms(system: LoopSystem, axis: int, samples: int) -> LevelledNorms
     """
     check_work(system, samples)
     loop = _make_loop(system, axis)
-    m, x = len(loop.Phi), loop.inputs
-    last = loop.signals @ x
-    total, change, peak = np.zeros_like(last), np.zeros(len(last)), np.zeros_like(x)
-    first = np.abs(last[:, m - 1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(samples):
-            total += np.abs(last)
-            np.maximum(peak, np.abs(x), out=peak)
-            x = loop.Phi @ x
-            now = loop.signals @ x
-            change += np.abs(now[:, m - 1] - last[:, m - 1])
-            last = now
+    total, change, peak, x = _simulate(loop, samples)
+    m, first = len(loop.Phi), np.abs(loop.signals @ loop.inputs)[:, len(loop.Phi) - 1]
     worst = np.max(peak, axis=1)
     if not np.max(worst) < _DIVERGED:
         raise Refusal("the norms have no bound: the loop is unstable")
@@ -165,6 +158,27 @@ def _make_loop(system: LoopSystem, axis: int) -> _Loop:
     direct[m + 1] = np.abs(offset @ inputs) / h * UP
     direct[m + 2, m] = 0.5
     return _Loop(Phi, inputs, np.vstack([unit, rows]), np.vstack([unit, sizes]), direct)
+
+
+def _simulate(loop: _Loop, samples: int) -> tuple[Array, Array, Array, Array]:
+    """Return sums of moduli, sums of changes after a unit of the angle, largest moduli of states, and the last ones."""
+    m, x = len(loop.Phi), loop.inputs
+    states, before = np.empty((min(samples, _BLOCK), *x.shape)), loop.signals @ x
+    total, change, peak = np.zeros_like(before), np.zeros(len(before)), np.zeros_like(x)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for start in range(0, samples, _BLOCK):
+            block = states[: samples - start]
+            for k in range(len(block)):
+                block[k] = x
+                x = loop.Phi @ x
+            signals = loop.signals @ block
+            peak = np.maximum(peak, np.max(np.abs(block), axis=0))
+            angle = np.concatenate([before[None, :, m - 1], signals[:, :, m - 1]])
+            change += np.sum(np.abs(np.diff(angle, axis=0)), axis=0)
+            before = signals[-1]
+            total += np.sum(np.abs(signals), axis=0)
+        change += np.abs((loop.signals @ x - before)[:, m - 1])
+    return total, change, peak, x
 
 
 class _Modes(NamedTuple):
