@@ -887,6 +887,108 @@ def test_an_offset_beyond_a_radian_is_refused_and_slow_ones_are_simulated_longer
         attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
 
 
+def test_each_signal_of_the_offset_counts_in_its_deviations_and_its_work(monkeypatch):
+    """Two signals of three axes at each sample, and two samples more; a simulation is doubled, not more."""
+    of, box, counts, work = loop(), [[value / 4096 for value in row] for row in some_box(10)], [], []
+    disturbance = Disturbance([Fraction(0)] * 3, [Fraction(0)] * 3, 9, Fraction(1, 128))
+
+    def bound(*_: Any, samples: int, **__: Any) -> attitude_offset.Offset:
+        if samples < 4:
+            raise Refusal("too slow")
+        return attitude_offset.Offset([Fraction(0)] * 3, [Fraction(0)] * 3)
+
+    monkeypatch.setattr(attitude_offset, "bound_offset", bound)
+    monkeypatch.setattr(attitude_offset, "least_deviations", lambda *given: counts.append(given) or Fraction(4))
+    monkeypatch.setattr(attitude_offset, "check_work", lambda _, samples: work.append(samples))
+    attitude_offset.strapdown_box(of, [], CASE, box, disturbance, 2)
+    assert counts == [(Fraction(66), Fraction(1, 256))]
+    assert work == [4]
+
+
+def made_run(left: float, cells: int = 2) -> tuple[attitude_offset._Run, kernel_norms.AxisNorms]:
+    """Return a run of two states with `left` of them after it, and norms; no two numbers are alike."""
+    rng = np.random.default_rng(5)
+
+    def some(*shape: int) -> Any:
+        return rng.uniform(0.5, 1.5, shape)
+
+    run = attitude_offset._Run(
+        Phi=some(cells, 5, 5),
+        total=some(cells, 2, 7),
+        square=some(cells, 2),
+        peak=some(cells, 5),
+        first=some(cells, 7),
+        largest=some(cells, 7),
+        settled=1e-3 * some(cells, 7),
+        last=left * some(cells, 5, 7),
+    )
+    centre = np.ones((cells, 2))
+    norms = kernel_norms.AxisNorms(
+        some(cells, 8, 5), some(cells, 8), some(cells, 8), some(cells, 8), centre, centre, 0.0
+    )
+    return run, norms
+
+
+@pytest.mark.parametrize("steps", [3, 7, 40])
+def test_norms_of_the_offset_are_those_of_its_formula(steps, monkeypatch):
+    """The module's text, written again: with numbers of which each is felt."""
+    (run, norms), samples, ulp, up = made_run(1e-5), 7, 2.0**-52, 1.0 + 2.0**-40
+    monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+    found = attitude_offset._sum_signals(loop(), norms, 0, samples, steps)
+    defect = 21 * ulp * np.einsum("cij,cj->ci", np.abs(run.Phi), run.peak)
+    reach = run.largest[:, :5] + run.first[:, :5]
+    reach = reach + 1e-6 * np.max(reach, axis=1)[:, None]
+    left = [np.abs(run.last[c]) + (norms.entries[c, :5] @ defect[c])[:, None] for c in range(2)]
+    share = max(np.max(reach[c] @ left[c][:, :5] / reach[c]) for c in range(2))
+    for c in range(2):
+        own = 16.0 * ulp * (np.max(run.largest[c]) + 4.0 * np.max(run.peak[c]))
+        longest = reach[c] * up / (1.0 - share)
+        wrong = (samples + 1) * up * (longest @ defect[c] + own)
+        settled = run.settled[c] + longest @ left[c] + wrong
+        beyond = max(steps - samples, 0)
+        tail = (norms.entries[c, 0] + norms.entries[c, 4]) @ left[c]
+        tail += (samples + 1) * np.sum(norms.entries[c, :5] @ defect[c])
+        total = run.total[c] + [(samples + 1) * wrong + beyond * settled, tail]
+        noise = np.sqrt(run.square[c]) + np.array([(samples + 1) * wrong + math.sqrt(beyond) * settled[-1], tail[-1]])
+        grown = up + samples * ulp
+        assert found.total[c] == pytest.approx(grown * total, rel=2e-13)
+        assert found.noise[c] == pytest.approx(grown * noise, rel=2e-13)
+
+
+def test_an_offset_of_which_much_is_left_or_rounded_is_refused(monkeypatch):
+    def found(run: attitude_offset._Run, norms: kernel_norms.AxisNorms) -> Any:
+        monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+        return attitude_offset._sum_signals(loop(), norms, 0, 7, 9)
+
+    run, norms = made_run(2.0**-12)
+    with monkeypatch.context() as patch:
+        patch.setattr(attitude_offset, "_MOST_LEFT", 1.0)
+        assert found(run, norms)
+        rough = run._replace(peak=run.peak * np.array([[1.0], [2.0**28]]))  # the second cell alone
+        with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
+            found(rough, norms)
+    with pytest.raises(Refusal, match="of the offset is left: the loop is too slow"):
+        found(run, norms)
+
+
+def test_an_offset_starts_with_what_a_unit_moves_at_once():
+    """Without a sample simulated: units of each state, of the excess, and of the gyro, which the first sample reads."""
+    law = law_document()
+    for i in range(3):
+        law["B"][i][i], law["B"][3 + i][i] = 0.25, 0.75
+    of = read_system(json.dumps(law), VEHICLE)._replace(inertia_spread=Fraction(1, 16), cells=(3, 1))
+    run = attitude_offset._simulate(of, 1, 0)
+    m, half = run.Phi.shape[1], STEP / 2
+    first, off = np.zeros(m + 2), np.zeros(m + 2)
+    first[kernel_norms.X0], off[kernel_norms.X1] = 1.0, 1.0
+    first[-2], off[-2] = abs(2 * half - STEP), 0.0  # the law's own attitude moves by the excess too
+    first[-1], off[-1] = abs(half - 0.25), abs(1.0 - 0.75)
+    for cell in range(3):
+        assert run.total[cell].tolist() == [first.tolist(), off.tolist()]
+        assert run.square[cell].tolist() == [first[-1] ** 2, off[-1] ** 2]
+        assert run.first[cell].tolist() == first.tolist()
+
+
 def test_noise_over_too_short_or_long_a_flight_is_refused():
     of, zeros = loop(), [Fraction(0)] * 3
     for steps, words in ((44, "too short to bound"), (45, ""), (10**9, "may turn the attitude by a radian")):
