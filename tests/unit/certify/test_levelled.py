@@ -15,7 +15,7 @@ from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSquare
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
 from gustproof.certify.check import levelled_box, levelled_norms
-from gustproof.certify.check.estimate_box import PEAK_RATE
+from gustproof.certify.check.estimate_box import PEAK_RATE, Case
 from gustproof.certify.check.evidence import check_certificate, seal
 from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, X0
 from gustproof.certify.check.levelled_norms import ANGLE, LAG, LEAK, OFFSET, TURN
@@ -135,6 +135,121 @@ def test_what_no_sum_by_parts_holds_is_small_in_every_sample(system):
         shares.append(np.abs(small) / np.array(bounds[:2], dtype=float))
     assert np.max(shares) <= 1.0
     assert np.all(np.max(shares, axis=0) >= 0.7)
+
+
+FIGURES = [
+    [
+        0.05340094869,
+        0.3121211174,
+        0.004604836917,
+        0.04838116676,
+        0.04430923506,
+        0.006977315318,
+        0.01031606714,
+        0.0544042592,
+    ],
+    [
+        0.06368598804,
+        0.3196857221,
+        0.005217066657,
+        0.0471465619,
+        0.0424739379,
+        0.007543299731,
+        0.01197543254,
+        0.06494150409,
+    ],
+    [
+        0.1088292641,
+        0.3298869838,
+        0.009952972164,
+        0.01003218986,
+        0.0003045026635,
+        0.006508293936,
+        0.01852669288,
+        0.1113415933,
+    ],
+    [
+        0.05393737001,
+        0.3121422179,
+        0.004711157148,
+        0.05726922738,
+        0.05309097557,
+        0.008013300958,
+        0.01122218175,
+        0.05494068052,
+    ],
+    [
+        0.06435651033,
+        0.319706845,
+        0.005345833114,
+        0.05825593082,
+        0.0534545405,
+        0.008838294364,
+        0.01310807588,
+        0.06561202638,
+    ],
+    [
+        0.1088292641,
+        0.3298869838,
+        0.009952972164,
+        0.03003218989,
+        0.02030450269,
+        0.009008293938,
+        0.01977669288,
+        0.1113415933,
+    ],
+    [
+        0.05362982179,
+        0.3121301203,
+        0.004650200215,
+        0.05217340596,
+        0.04805611101,
+        0.007419335858,
+        0.01070267604,
+        0.05463313229,
+    ],
+    [
+        0.06404359993,
+        0.3196969877,
+        0.005285742101,
+        0.05307155866,
+        0.04833025929,
+        0.008233963535,
+        0.01257950899,
+        0.06529911598,
+    ],
+    [
+        0.1088292641,
+        0.3298869838,
+        0.009952972164,
+        0.02283218988,
+        0.01310450268,
+        0.008108293937,
+        0.01932669288,
+        0.1113415933,
+    ],
+    [0.008328216825, 0.01175627503],
+]
+"""By class and axis: rate, command, own angle, angle, offset, its change, lag, rate between samples; then truth."""
+
+
+def mapped(system: LoopSystem, patch: pytest.MonkeyPatch) -> list[list[float]]:
+    """Return what follows of a box of round numbers, of each class of moment, under a coarse tilt."""
+    patch.setattr(levelled_box, "_TILT", Fraction(1, 64))
+    box = [[Fraction(7 + 5 * i + (3 + i) * k, 4096) for k in range(17)] for i in range(3)]
+    norms, moment = [levelled_norms.levelled_norms(system, axis, 32_768) for axis in range(3)], [Fraction(1, 8)] * 3
+    found = []
+    for free, slope in ((False, (0, 0, 0)), (True, (0, 0, 0)), (False, (40, 50, 60))):
+        case = Case(moment, Fraction(0), Fraction(0), free, tuple(map(Fraction, slope)))
+        follows = levelled_box.map_levelled_box(system, norms, case, box)
+        found += [[float(row[k]) for k in (0, COMMAND, X0, ANGLE, OFFSET, TURN, LAG, PEAK_RATE)] for row in follows]
+    return [*found, [float(angle) for angle in levelled_box.levelled_truth(system, box)]]
+
+
+def test_every_term_of_the_theorem_stands(system, monkeypatch):
+    """Figures pinned: a term left out, or another factor, moves one of them."""
+    for found, pinned in zip(mapped(system, monkeypatch), FIGURES, strict=True):
+        assert found == pytest.approx(pinned, rel=1e-7)
 
 
 def modes(system: LoopSystem, axis: int) -> tuple[Numbers, Numbers, Numbers]:

@@ -119,8 +119,7 @@ def map_levelled_box(system: LoopSystem, norms: list[LevelledNorms], case: Case,
 
 def levelled_truth(system: LoopSystem, box: Box) -> Three:
     """Return bounds [rad] of the true roll and pitch at all times."""
-    motion = _bound_motion(system, box, [Fraction(0)] * 3)
-    return [row[ANGLE] + system.dt / 2 * v for row, v in zip(box[:2], motion.speed, strict=False)]
+    return [row[ANGLE] + system.dt / 2 * v for row, v in zip(box[:2], _speed(system, box), strict=False)]
 
 
 def _map_axis(
@@ -155,6 +154,14 @@ def _between_samples(system: LoopSystem, case: Case, box: Box, axis: int) -> Fra
     return h**2 / 4 * free + h**3 / 12 * slow
 
 
+def _speed(system: LoopSystem, box: Box) -> Three:
+    """Return bounds of |E'| [rad/s]; an angle above 1 rad raises ValueError."""
+    rates = [row[PEAK_RATE] for row in box]
+    # below 1 rad |E'| <= 2 |omega|
+    wide = [row[ANGLE] + 2 * system.dt * sum(rates, Fraction(0)) for row in box[:2]] + [Fraction(0)]
+    return [rate + part for rate, part in zip(rates, excess(wide, rates), strict=True)]
+
+
 def _bound_motion(system: LoopSystem, box: Box, e: Three) -> _Motion:
     """Return what follows of roll and pitch; `e` bounds the law's excess.
 
@@ -164,10 +171,7 @@ def _bound_motion(system: LoopSystem, box: Box, e: Three) -> _Motion:
         If an angle is above 1 rad.
     """
     h, zero = system.dt, Fraction(0)
-    rates = [row[PEAK_RATE] for row in box]
-    # below 1 rad |E'| <= 2 |omega|
-    wide = [row[ANGLE] + 2 * h * sum(rates, zero) for row in box[:2]] + [zero]
-    speed = [rate + part for rate, part in zip(rates, excess(wide, rates), strict=True)]
+    rates, speed = [row[PEAK_RATE] for row in box], _speed(system, box)
     angles = [row[ANGLE] + h * v for row, v in zip(box[:2], speed, strict=False)] + [zero]
     middle = [(angle + row[X0]) / 2 for angle, row in zip(angles[:2], box, strict=False)] + [zero]
     sin_phi, tan, sec = trigonometry(middle)
