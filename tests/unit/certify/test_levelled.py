@@ -14,7 +14,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSquare
 from gustproof.certify.boundedness import FlightCertificate, certify_boundedness
-from gustproof.certify.check import levelled_box, levelled_norms
+from gustproof.certify.check import kernel_norms, levelled_box, levelled_norms
 from gustproof.certify.check.estimate_box import PEAK_RATE, Case
 from gustproof.certify.check.evidence import check_certificate, seal
 from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, X0
@@ -250,6 +250,39 @@ def test_every_term_of_the_theorem_stands(system, monkeypatch):
     """Figures pinned: a term left out, or another factor, moves one of them."""
     for found, pinned in zip(mapped(system, monkeypatch), FIGURES, strict=True):
         assert found == pytest.approx(pinned, rel=1e-7)
+
+
+ROUGH = [
+    [1344078.6, 1135356.4, 158.3258, 3731.4528, 20, 4],
+    [36287.615, 9.8841934, 13.692612],
+    [1395318.8, 1183258.7, 134.43557, 3492.3721, 20, 5],
+    [37907.724, 10.475403, 12.301561],
+    [200447.09, 131146.7, 35.553833, 1741.0121, 20, 10],
+    [8378.8798, 4.5845989, 0.57883637],
+]
+"""By axis: weighted sums of the norms by signal and by state, of excess and gyro, lag, inertia; then of the angle."""
+
+
+def roughly(system: LoopSystem, patch: pytest.MonkeyPatch) -> list[list[float]]:
+    """Return sums of norms from few samples, in blocks, with roundings so coarse that each is felt."""
+    patch.setattr(levelled_norms, "_BLOCK", 100)
+    patch.setattr(levelled_norms, "_ULP", 2.0**-36)
+    patch.setattr(kernel_norms, "_ULP", 2.0**-36)
+    found = []
+    for axis in range(3):
+        norms = levelled_norms.levelled_norms.__wrapped__(system, axis, 250)
+        own = norms.axis
+        parts = own.entries[0].sum(axis=1), own.entries[0].sum(axis=0), own.excess[0], own.gyro[0]
+        lags = own.inverse_lag[0], own.inverse_inertia[0]
+        found.append([float(np.sum(part @ np.arange(1, len(part) + 1))) for part in (*parts, *lags)])
+        found.append([float(value) for value in (norms.sums.sum(), norms.changes.sum(), norms.sums[-1])])
+    return found
+
+
+def test_every_rounding_of_the_norms_counts(system, monkeypatch):
+    """Figures pinned, as those of the theorem: of sums, of what is left after them, and of the modes."""
+    for found, pinned in zip(roughly(system, monkeypatch), ROUGH, strict=True):
+        assert found == pytest.approx(pinned, rel=1e-5)
 
 
 def modes(system: LoopSystem, axis: int) -> tuple[Numbers, Numbers, Numbers]:
