@@ -269,20 +269,21 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
         period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
         words += f", with gyro noise of {float(claim.noise):g} rad/s rms"
         words += f" but for a risk of {float(claim.risk):g} in {period:g} s"
-    if figures["truth_deg"] is None:
-        return f"{words}; {why}"
+    return f"{words}; {why or _state_truth(system, claim, figures['truth_deg'])}"
+
+
+def _state_truth(system: LoopSystem, claim: Claim, truth: list[float | None]) -> str:
     between = {
         MomentClass.HELD: "a moment held over each sample",
         MomentClass.SLOPE: f"slopes below {_list_up(map(float, claim.slope))} N*m/s within a sample",
         MomentClass.ANY: "a moment that is any function of time",
     }[claim.moment_class]
+    bounds = _list_up(value for value in truth if value is not None)
     if system.tilt is not None:
-        roll, pitch, _ = figures["truth_deg"]
-        words += f"; the true roll and pitch stay within {_list_up([roll, pitch])} deg for ever, under {between}"
+        words = f"the true roll and pitch stay within {bounds} deg for ever, under {between}"
         return f"{words}; the true heading has no bound: an accelerometer does not observe it"
-    truth = _list_up(figures["truth_deg"])
     horizon = claim.horizon or Fraction(0)
-    words += f"; for {float(horizon):g} s the true attitude stays within {truth} deg, under {between}"
+    words = f"for {float(horizon):g} s the true attitude stays within {bounds} deg, under {between}"
     if claim.moment_class is MomentClass.ANY:
         moments = [claim.part * value for value in claim.moment]
         blind = blind_angles(system, moments, math.floor(horizon / system.dt))

@@ -22,8 +22,8 @@ parts, both count with the total variation of the response in place of its lengt
 
 leaves `K_0`, the changes of K, and the changes of y: what moves d beside the common rotation (`TURN`).
 
-**Small terms** of D per time are bounded in `_small_terms`: the law's rate lags behind the true one; u differs between
-M and X; d moves within a sample; secant and cosine are not 1; and the third derivative of `T(E) omega`.
+**Small terms** of D per time are bounded in `_small_terms`. The law's rate lags behind the true one, and u differs
+between M and X. Also d moves within a sample, secant and cosine are not 1, and `T(E) omega` has a third derivative.
 
 The argument of Theorem 1 goes sample by sample: D of a sample follows from bounds of this sample and those before.
 

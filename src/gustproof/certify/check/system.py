@@ -211,11 +211,7 @@ def _arranged(law: dict[str, Any]) -> dict[str, Any]:
         return law
     axes: list[list[int | None]] = [[0, 3], [1, 4], [2, 5]]
     for i in range(6, len(law["A"])):
-        reads = [*law["B"][i][:3], *law["B"][i][6:]]
-        own = {a for a in range(3) if law["C"][a][i]} | {k % 3 for k, value in enumerate(reads) if value}
-        if len(own) != 1:
-            raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
-        axes[own.pop()].append(i)
+        axes[_axis_of(law, i)].append(i)
     most = max(map(len, axes))
     places = [axis[k] if k < len(axis) else None for k in range(most) for axis in axes]
     limit = law.get("rate_limit")
@@ -226,6 +222,14 @@ def _arranged(law: dict[str, Any]) -> dict[str, Any]:
         "C": [_columns(row, places) for row in law["C"]],
         "rate_limit": limit and {**limit, "S": [_columns(row, places) for row in limit["S"]]},
     }
+
+
+def _axis_of(law: dict[str, Any], i: int) -> int:
+    reads = [*law["B"][i][:3], *law["B"][i][6:]]
+    own = {a for a in range(3) if law["C"][a][i]} | {k % 3 for k, value in enumerate(reads) if value}
+    if len(own) != 1:
+        raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
+    return own.pop()
 
 
 def _rows(matrix: list[list[float]], places: list[int | None]) -> list[list[float]]:
