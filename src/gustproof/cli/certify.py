@@ -166,10 +166,11 @@ def certify(
     A law without an envelope is proved to fly within a box: its file, sampled and one sample late, on the nonlinear
     vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
-    grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
-    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
-    given the design and its envelope, it proves the gain of the loop derived again, and of all within its rounding. It
-    flies the lower bound again.
+    grows with the horizon: a gyro does not observe attitude. Of a law that reads the accelerometer the true roll and
+    pitch stay in a box for ever, and the heading has no bound. That is without noise and spreads. Nothing is assumed of
+    the motion. The part is the certified share of the moment, at most 1. --check derives the loop again from the law
+    and vehicle files. Of a gain, given the design and its envelope, it proves the gain of the loop derived again, and
+    of all within its rounding. It flies the lower bound again.
 
     With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
     most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.

@@ -188,7 +188,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--horizon", "nan"), "horizon is nan, must be a finite number"),
         (("hinf-d2", "--noise", "1e-3", "--risk", "1e-320"), "must be a probability"),
         (("hinf-d2", "--noise", "-1"), "noise is -1.0, must not be negative"),
-        (("aided",), "law 'aided' reads the accelerometer"),
+        (("aided", "--noise", "0.0036"), "law 'aided' reads the accelerometer: its box is proved without noise"),
         (("D2",), "no law named 'D2'"),
         (("D2", "--check", "c.json"), "--check takes a gain's design with its envelope, or a flight's --law"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
