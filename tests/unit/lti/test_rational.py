@@ -30,6 +30,11 @@ def test_what_is_not_a_number_is_refused(bad):
         to_rational([[bad]])
 
 
+def test_rows_of_different_lengths_are_refused():
+    with pytest.raises(ValueError, match="rows of different lengths"):
+        to_rational([[1.0], [1.0, 2.0]])
+
+
 def test_definiteness_is_decided_where_floating_point_cannot():
     tiny = Fraction(1, 10**40)
     assert is_positive_definite([[Fraction(1), Fraction(1)], [Fraction(1), 1 + tiny]])
