@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
+from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError
 from gustproof.lti.bilinear import bilinear_transform
@@ -174,7 +175,9 @@ def _crossings(G: Lti, level: float) -> Matrix:
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)
     H[n:, :n], H[n:, n:] = -level * G.C.T @ np.linalg.solve(S, G.C), -A.T
-    eigenvalues = scipy.linalg.eigvals(H)
-    rounding = 1e-13 * np.max(np.abs(eigenvalues))
-    on_axis = np.abs(eigenvalues.real) <= _AXIS_TOLERANCE * np.abs(eigenvalues) + rounding
-    return np.unique(np.abs(eigenvalues[on_axis].imag))
+    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(H), compute_vl=0, compute_vr=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues of the Hamiltonian did not converge")
+    size = np.hypot(real, imaginary)
+    on_axis = np.abs(real) <= _AXIS_TOLERANCE * size + 1e-13 * np.max(size)
+    return np.unique(np.abs(imaginary[on_axis]))

@@ -68,7 +68,7 @@ def raise_ill_posed(*_arguments: object) -> None:
     [(0.95, "a Riccati solution is not positive semidefinite"), (2.0, "the spectral radius of XY is not below gamma")],
 )
 def test_hinfsyn_names_the_condition_that_fails_at_a_level(monkeypatch, gamma, condition):
-    monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: 0.5)
+    monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: (0.5, True))
     with pytest.raises(DesignError, match=f"no controller at gamma = {gamma:g}: {condition}"):
         hinfsyn(PLANT, 1, 1, gamma=gamma)
 

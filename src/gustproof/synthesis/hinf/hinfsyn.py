@@ -207,12 +207,13 @@ class _Design(NamedTuple):
             riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
             riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
         )
-        gamma_opt = _least_level(halves, problem.floor)
+        floor = problem.floor
+        gamma_opt, is_crossed = _least_level(halves, floor)
         level = self.backoff * gamma_opt if self.gamma is None else self.gamma
         if level <= gamma_opt:
             raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
-        if gamma_opt > _NEAR_ZERO * problem.size:
-            _require_clear_boundary(halves, gamma_opt, problem.floor)
+        if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:
+            _require_clear_boundary(halves, gamma_opt, floor)
         solution = _solve(halves, level)
         if not solution.definite:
             raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
@@ -221,8 +222,8 @@ class _Design(NamedTuple):
         return gamma_opt, level, solution
 
 
-def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float:
-    """Return the least feasible level, from above.
+def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, bool]:
+    """Return the least feasible level, from above, and True if just below it both solutions exist and the margin fails.
 
     Parabolas and secants converge to the zero of the margin. A step to where there is no solution is followed by one to
     a little above. If steps are slow, the bracket is halved on a logarithmic scale. The same is done if there is no
@@ -253,7 +254,7 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
         missed = follows and not np.isfinite(margin)
         misses += missed
         slow = slow + 1 if follows and high - low > 0.5 * width else 0
-    return high
+    return high, any(level == low and np.isfinite(margin) for level, margin in seen)
 
 
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
@@ -276,17 +277,17 @@ def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: 
 def _find_zero(seen: list[tuple[float, float]], low: float, high: float) -> float:
     """Return the zero of the curve through the last points of finite margin; nan if there is none.
 
-    `1/rho - s` over `s = 1/level^2`, the margin times s, is smooth and nearly a parabola. Where three points give no
-    zero in the bracket, the line through the margins of the last two does.
+    `f = 1/rho - s` over `s = 1/level^2`, the margin times s, is smooth but where a solution ceases to exist: there it
+    ends like a square root. Its inverse, s over f, is nearly a parabola in both cases. Where three points give no zero
+    in the bracket, the line through the margins of the last two does.
     """
     finite = [point for point in seen if np.isfinite(point[1])][-3:]
     if len(finite) == 3:
         (a, fa), (b, fb), (c, fc) = ((level**-2.0, margin * level**-2.0) for level, margin in finite)
-        slope = (fc - fb) / (c - b)
-        curvature = (slope - (fb - fa) / (b - a)) / (c - a)
-        slope += curvature * (c - b)
-        root = slope**2 - 4.0 * fc * curvature
-        s = c - 2.0 * fc / (slope + math.copysign(math.sqrt(root), slope)) if root > 0.0 else 0.0
+        s = 0.0
+        if len({fa, fb, fc}) == 3:
+            slope = (c - b) / (fc - fb)
+            s = c - fc * slope + fc * fb * (slope - (b - a) / (fb - fa)) / (fc - fa)
         if s > 0.0 and low < 1.0 / math.sqrt(s) < (1.0 + _RESOLUTION) * high:
             return 1.0 / math.sqrt(s)
     if len(finite) < 2 or finite[-1][1] == finite[-2][1]:
