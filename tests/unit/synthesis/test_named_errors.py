@@ -92,6 +92,15 @@ def test_hinfsyn_returns_no_controller_whose_loop_fails_the_check(monkeypatch, n
         hinfsyn(PLANT, 1, 1, gamma=3.0)
 
 
+def test_a_level_a_little_higher_is_taken_where_rounding_spoils_the_controller(monkeypatch):
+    level, norm = 1.05 * hinfsyn(PLANT, 1, 1).gamma_opt, hinf.loop_norm
+    spoilt = iter([True, True])
+    monkeypatch.setattr(
+        hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
+    )
+    assert hinfsyn(PLANT, 1, 1).gamma == pytest.approx(1.003 * level, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("norm", "told"),
     [(lambda _loop: 1e3, "its norm is 1000, not 4.06"), (raise_ill_posed, "the loop is not well posed")],

@@ -1,6 +1,7 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
 _TOLD = 5e-5
 """[-] relative distance below the least level at which it must be clear that there is no controller."""
+_HIGHER = (1.001, 1.003, 1.01)
+"""[-] factors on the backoff that are tried where rounding spoilt a controller: a level nearby may be spared."""
 _NEAR_ZERO = 1e-6
 """[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
@@ -103,7 +106,8 @@ def hinfsyn(
     gamma
         [-] level to design for; `None` for `backoff` times the least.
     backoff
-        [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
+        [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used. If rounding spoils
+        the controller, up to a hundredth more is taken.
     regularize
         True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
         on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
@@ -146,6 +150,10 @@ def hinfsyn(
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
+class _SpoiltError(DesignError):
+    """Rounding spoilt a controller."""
+
+
 class _Design(NamedTuple):
     """A plant, as it was given, and the demands on its controller."""
 
@@ -169,8 +177,15 @@ class _Design(NamedTuple):
     def _solve_image(self, image: Lti, units: Units) -> HinfResult:
         """Return the checked controller of an image of the plant in `units`."""
         return solve_in_best_units(
-            image, self.n_meas, self.n_con, lambda scaled, more: self._solve(scaled, units * more)
+            image, self.n_meas, self.n_con, lambda scaled, more: self._solve_or_higher(scaled, units * more)
         )
+
+    def _solve_or_higher(self, image: Lti, units: Units) -> HinfResult:
+        """Return the checked controller at the level, or a little above if rounding spoilt that and none was given."""
+        for factor in (1.0, *_HIGHER) if self.gamma is None else ():
+            with suppress(_SpoiltError):
+                return self._replace(backoff=factor * self.backoff)._solve(image, units)
+        return self._solve(image, units)
 
     def _solve(self, image: Lti, units: Units) -> HinfResult:
         """Return the central controller, with the norm of the loop that it closes; raise if its level is exceeded.
@@ -184,9 +199,9 @@ class _Design(NamedTuple):
         try:
             peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
         except ValueError as failure:
-            raise DesignError(f"{spoilt}: {failure}") from None
+            raise _SpoiltError(f"{spoilt}: {failure}") from None
         if not peak.gain < level:
-            raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
+            raise _SpoiltError(f"{spoilt}: its norm is {peak.gain:.6g}")
         back = units.x[:, None] * units.x
         return HinfResult(
             controller=units.restore(K),
@@ -354,7 +369,9 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     joined[n + m :, :n] = P.C != 0.0
     joined[n + m :, n : n + m] = P.D != 0.0
     joined += joined.T
-    for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
+    count = 0
+    while np.count_nonzero(joined) > count:  # each product doubles the length of the paths
+        count = np.count_nonzero(joined)
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
     A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)
