@@ -168,7 +168,8 @@ def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
 def _crossings(G: Lti, level: float) -> Matrix:
     """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
     # the factor `level` is split between B and C to give both halves the same size
-    A, B, C = G.A, G.B.T / level, G.C / level
+    A: Matrix = G.A
+    B, C = G.B.T / level, G.C / level
     if G.D.any():
         R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
         S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T

@@ -13,8 +13,6 @@ from gustproof.lti.state_space import Lti
 from gustproof.model.lft import Uncertain, star
 from gustproof.model.uncertainty import FullBlock, RealBlock
 
-pytestmark = pytest.mark.plain
-
 RNG = np.random.default_rng(7)
 SAMPLED = Lti(
     A=np.diag([0.9, 0.5, -0.3]) + 0.1 * RNG.normal(size=(3, 3)),

@@ -7,8 +7,6 @@ from gustproof.errors import DesignError
 from gustproof.lti.bilinear import bilinear, bilinear_transform, tustin
 from gustproof.lti.state_space import Lti
 
-pytestmark = pytest.mark.plain
-
 DT = 0.05
 G = Lti(A=[[-1.0, 4.0], [-4.0, 0.5]], B=[[1.0], [2.0]], C=[[1.0, 0.5]], D=[[0.3]])
 

@@ -42,8 +42,6 @@ from gustproof.synthesis.structured.fixed_order import solve_structured
 from gustproof.synthesis.structured.goals import GainGoal, RollOffGoal
 from gustproof.synthesis.structured.hinfstruct import hinfstruct
 
-pytestmark = pytest.mark.plain
-
 PLANT = Lti(
     A=[[1.0]],
     B=[[1.0, 0.0, 1.0]],

@@ -371,7 +371,7 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     joined += joined.T
     count = 0
     while np.count_nonzero(joined) > count:  # each product doubles the length of the paths
-        count = np.count_nonzero(joined)
+        count = int(np.count_nonzero(joined))
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
     A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)
