@@ -168,13 +168,13 @@ def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
 def _crossings(G: Lti, level: float) -> Matrix:
     """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
     # the factor `level` is split between B and C to give both halves the same size
-    A: Matrix = G.A
-    B, C = G.B.T / level, G.C / level
+    A, B, C = G.A, G.B.T / level, G.C / level
     if G.D.any():
         R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
         S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
-        A = A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
-        B, C = level * np.linalg.solve(R, G.B.T), level * np.linalg.solve(S, G.C)
+        A = np.asarray(A + G.B @ np.linalg.solve(R, G.D.T @ G.C), dtype=np.float64)
+        B = np.asarray(level * np.linalg.solve(R, G.B.T), dtype=np.float64)
+        C = np.asarray(level * np.linalg.solve(S, G.C), dtype=np.float64)
     n = G.order
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, G.B @ B, -G.C.T @ C, -A.T

@@ -1,11 +1,12 @@
 """Zeros near the imaginary axis, deflated from a Riccati equation: known eigenvalues that rounding would mix up."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
-from gustproof.lti.state_space import ComplexMatrix, Matrix, largest_gain
+from gustproof.lti.state_space import Matrix, largest_gain
 
 _NEAR = 1e-4
 """[-] zeros with a real part below this fraction of the norm of the state matrix are near the axis."""
@@ -28,7 +29,7 @@ class AxisZeros(NamedTuple):
     """(k, k) with the zeros right of the axis as its eigenvalues."""
     on_axis: complex | None
     """[rad/s] a zero that rounding does not tell from the axis."""
-    others: ComplexMatrix
+    others: NDArray[Any]
     """(n - s - k,) [rad/s] eigenvalues of the rest: all other zeros are among them."""
 
 
@@ -58,7 +59,7 @@ def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
 
 
 def _unobservable_near_axis(
-    A: Matrix, C: Matrix, eigenvalues: ComplexMatrix, scale: float, size: float
+    A: Matrix, C: Matrix, eigenvalues: NDArray[Any], scale: float, size: float
 ) -> tuple[Matrix, complex | None]:
     """Return a basis of eigenvectors of unobservable modes near the axis, and one that may be on it."""
     kept, on_axis = [np.zeros((A.shape[0], 0))], None
