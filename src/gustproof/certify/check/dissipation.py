@@ -3,8 +3,8 @@
 Part of the check: rational arithmetic only; doubles choose coordinates, on which no proof rests. The system is
 `x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)`, closed by `p = Delta q`. Delta holds real numbers
 `|delta_i(t)| <= 1`, each times an identity, and other parts, of which `quadratic_constraints` are known. The numbers of
-the system may be known up to a share only, or up to distances of their own as `radius` beside the evidence: then the
-forms are those of every such system.
+the system may be known up to a share only, or up to distances of their own, `radius`. The forms are then those of every
+such system.
 """
 
 import math
@@ -229,11 +229,7 @@ class _System:
         k, slow = self.rows[-1].stop, "vertices" in evidence
         filters = [Filter([], []) if slow else make_filter(block) for block in self._blocks]
         A, B, C, D = _read_system(evidence, k)
-        radius = evidence.get("radius")
-        wide = {
-            name: Ball(M, radius[name]) if radius else widen(M, share)
-            for name, M in zip("ABCD", (A, B, C, D), strict=True)
-        }
+        wide = _within_rounding(evidence.get("radius"), {"A": A, "B": B, "C": C, "D": D}, share)
         self._D, self._C = D[:k], wide["C"]
         plant, m = len(A), len(D[0])
         states = _slices(plant, [len(part.A) for part in filters])
@@ -344,6 +340,13 @@ def widen(A: RationalMatrix, share: Fraction) -> Ball:
     rows = [max(map(abs, row), default=Fraction(0)) for row in A]
     columns = [max(map(abs, column), default=Fraction(0)) for column in zip(*A, strict=True)]
     return Ball(A, [[share * max(row, column) for column in columns] for row in rows])
+
+
+def _within_rounding(
+    radius: dict[str, RationalMatrix] | None, matrices: dict[str, RationalMatrix], share: Fraction
+) -> dict[str, Ball]:
+    """Return matrices within distances of their own, or within `share` if none are known."""
+    return {name: Ball(M, radius[name]) if radius else widen(M, share) for name, M in matrices.items()}
 
 
 def _join(A: Ball, B: Ball) -> Ball:

@@ -51,6 +51,11 @@ class DerivedLoop(NamedTuple):
     radius: dict[str, RationalMatrix] | None = None
     """Distances of the numbers of A, B, C and D from those of the loop; `None` for `ROUNDING` of the largest each."""
 
+    @property
+    def source(self) -> str:
+        """Files that it was derived from, in words."""
+        return "the design" if self.radius is None else "the law's file and its design"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckResult:
@@ -143,8 +148,7 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     if loop is not None:
         _check_blocks_of(loop, evidence["blocks"])
         evidence = {**evidence, "system": loop.system, "radius": loop.radius}
-        source = "the design" if loop.radius is None else "the law's file and its design"
-        plant = f"the continuous linear system derived from {source}, and all within its rounding, closed by Delta"
+        plant = f"the continuous linear system derived from {loop.source}, and all within its rounding, closed by Delta"
         share = ROUNDING
     prove(level, evidence, share)
     assumes = {

@@ -1,4 +1,4 @@
-"""How far rounding moved the loop of a plant and a law file: its numbers are exact, those of the plant are derived."""
+"""Rounding of the loop of a plant and a law file: the file's numbers are exact, those of the plant are derived."""
 
 from collections.abc import Sequence
 from fractions import Fraction

@@ -269,7 +269,7 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple
         missed = follows and not np.isfinite(margin)
         misses += missed
         slow = slow + 1 if follows and high - low > 0.5 * width else 0
-    return high, any(level == low and np.isfinite(margin) for level, margin in seen)
+    return high, bool(np.isfinite(dict(seen).get(low, -np.inf)))
 
 
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
