@@ -210,6 +210,7 @@ def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     guest = px4_process.make_px4(options, load_scenario("calm"), load_vehicle("paper"))
     parameters = guest.facts()["parameters"]
     assert (parameters["MC_ROLL_P"], parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_PY"]) == ("7.5", "0.352", "0.22")
+    assert float(parameters["EKF2_GYR_NOISE"]) == pytest.approx(0.2 * 10.0 ** (-35.0 / 20.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("line", ["MC_ROLL_P", "mc_roll_p 1", "MC_ROLL_P 1; rm", "MC_ROLL_P $(x)", "MC_ROLL_P 1 2"])
