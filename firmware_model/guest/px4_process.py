@@ -236,10 +236,9 @@ class Px4:
                 self._server, self.instance = server, instance
                 return
             server.close()
-        which = "of all instances" if self._wanted is None else f"of instance {self._wanted}"
-        raise GuestError(
-            GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: TCP {_SIMULATOR}, UDP {_PILOT}"
-        )
+        which = f"of instance {self._wanted}" if self._wanted is not None else "of all instances, the first's"
+        ports = f"TCP {_SIMULATOR + (self._wanted or 0)}, UDP {_PILOT + (self._wanted or 0)}"
+        raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
 
     def _accept(self) -> None:
         """Wait for PX4's connection and its heartbeat."""

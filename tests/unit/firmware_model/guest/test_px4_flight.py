@@ -172,11 +172,12 @@ def test_flight_that_ends_early_tells_how(
 def test_port_that_another_program_uses_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
+        taken_port = taken.getsockname()[1]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(px4_process, "_PILOT", taken.getsockname()[1] - 150)
+            patch.setattr(px4_process, "_PILOT", taken_port - 150)
             facts = fly(tmp_path, capsys, "--instance", "150")
     assert facts["outcome"] == "port_taken"
-    assert "of instance 150" in facts["reason"]
+    assert f"of instance 150: TCP 4710, UDP {taken_port}" in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) == 1
 
 
