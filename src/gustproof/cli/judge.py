@@ -62,6 +62,7 @@ def judge(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
+    from firmware_model.guest.parameter_files import SUFFIXES
     from gustproof.analysis.advice import autopilot_kind
     from gustproof.analysis.judge import Verdict
 
@@ -70,7 +71,7 @@ def judge(
     vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
     law, step, remarks = _read(gains, vehicles.nominal)
     is_autopilot = autopilot_kind(law) is not None
-    check_output(better, *((".params", "a parameter file") if is_autopilot else (".json", "a law")), new=True)
+    check_output(better, *((SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")), new=True)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)

@@ -89,10 +89,9 @@ def tune(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
+    from firmware_model.guest.parameter_files import SUFFIXES as PARAMETERS
 
-    check_output(
-        output, ".json" if autopilot is None else ".params", "a law file" if autopilot is None else "a parameter file"
-    )
+    check_output(output, *((".json", "a law file") if autopilot is None else (PARAMETERS, "a parameter file")))
     check_output(figure, SUFFIXES, "a figure")
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if autopilot is None:
