@@ -103,6 +103,8 @@ def autopilot(
         gustproof autopilot --air paper-turbulence --held
 
         gustproof autopilot --scenario paper-turbulence
+
+    Exit status: 0 flown in OFFBOARD to the end, 2 bad input, 3 the flight broke off, 130 interrupted.
     """
     given = dict(locals())
     from firmware_model.__main__ import VehicleOptions, run
@@ -172,6 +174,8 @@ def controller(
         gustproof controller --law hinf-scheduled
 
         gustproof controller --law hinf-rates --via rates --connect udp:127.0.0.1:14580
+
+    Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.
     """
     given = dict(locals())
     from gustproof.controller.__main__ import ControllerOptions, run
