@@ -49,25 +49,41 @@ class VehicleOptions:
     """Options of the simulated vehicle; `gustproof autopilot --help` tells what each does."""
 
     scenario: str | None = None
+    """Script to fly, a name or a file; `None` for an interactive vehicle."""
     air: str | None = None
+    """Scenario that gives wind and moments to an interactive vehicle."""
     held: bool = False
+    """True for the test stand."""
     vehicle: str = "paper"
+    """Name or file."""
     seed: int = 1
+    """Seed of gusts and noise."""
     lockstep: bool = False
+    """True to fly as fast as samples are answered."""
     instance: int = 0
+    """Number that is added to all ports."""
     bind_port: int | None = None
+    """Port of this side, 0 for a free one."""
     bind: str = access.LOOPBACK
+    """Local address to listen on."""
     signing_key: Path | None = None
+    """File with the key that signs every message."""
     unsigned: bool = False
+    """True to accept commands from anyone, without a key."""
     journal: Path | None = None
+    """New file for the records of the flight."""
     metadata: Path | None = None
     """JSON file with the metadata for the journal's header, by a parent process."""
     tlog: Path | None = None
+    """New telemetry log."""
     exit_on_stdin_eof: bool = False
     """True if a parent process holds the standard input open for as long as the flight shall last."""
     autopilot: Literal["px4", "generic"] = "px4"
+    """Dialect of MAVLink."""
     params: bool = False
+    """True to print all parameters, and end."""
     json: bool = False
+    """True to print JSON, one object a line."""
 
 
 def main(words: Sequence[str]) -> int:

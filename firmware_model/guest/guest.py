@@ -82,6 +82,7 @@ class GuestOptions:
     """Options of a flight of a real autopilot, written by a parent process."""
 
     autopilot: Literal["px4", "ardupilot", "betaflight"]
+    """Kind of autopilot."""
     build: Path | None = None
     """Folder of its build, `None` for the usual places."""
     params: Path | None = None
@@ -93,8 +94,11 @@ class GuestOptions:
     folder: Path
     """New folder that the autopilot runs in."""
     scenario: str
+    """Script to fly, a name or a file."""
     vehicle: str
+    """Name or file."""
     seed: int = 1
+    """Seed of gusts and noise."""
     real_time: bool = False
     """True to fly at the pace of the clock."""
     journal: Path
@@ -104,6 +108,7 @@ class GuestOptions:
     tlog: Path | None = None
     """New telemetry log of the pilot's link."""
     exit_on_stdin_eof: bool = False
+    """True if a parent process holds the standard input open for as long as the flight shall last."""
 
 
 class Guest(Protocol):

@@ -48,20 +48,33 @@ class ControllerOptions:
     """Options of the controller; `gustproof controller --help` tells what each does."""
 
     law: str = DEFAULT_LAW
+    """Name or file of the law."""
     controller: str | None = None
+    """Source of a controller that is flown instead."""
     vehicle: str = "paper"
+    """Nominal vehicle that a controller's maker gets, a name or a file."""
     via: Literal["torque", "rates"] | None = None
+    """Message for the command; `None` for the law's output."""
     connect: str = "127.0.0.1:14580"
+    """Address of the autopilot."""
     bind_port: int | None = None
+    """Port of this side, 0 for a free one."""
     signing_key: Path | None = None
+    """File with the key that signs every message."""
     unsigned: bool = False
+    """True to accept commands from anyone, without a key."""
     height: Literal["hold", "free"] = "hold"
+    """Thrust beside rates, once a pilot has flown."""
     attitude: Literal["autopilot", "own"] = "autopilot"
+    """Attitude of a law with an estimate, once a pilot has flown."""
     scenario: str | None = None
+    """Script with the references to hold; `None` for level."""
     real_time: bool = False
+    """True to request real-time scheduling."""
     exit_on_stdin_eof: bool = False
     """True if a parent process holds the standard input open for as long as the flight shall last."""
     json: bool = False
+    """True to print JSON, one object a line."""
 
 
 def main(words: Sequence[str]) -> int:
