@@ -7,7 +7,6 @@ import os
 import socket
 import struct
 import time
-from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from firmware_model.guest.guest import (
     SAMPLE_RATES_HZ,
     Dialect,
     GuestError,
+    GuestOptions,
     GuestOutcome,
     candidate_places,
     check_rate,
@@ -92,7 +92,7 @@ _LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
 
 
-def make_ardupilot(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "ArduPilot":
+def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "ArduPilot":
     """Return ArduPilot for a flight, not started.
 
     Raises

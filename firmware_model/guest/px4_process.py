@@ -7,7 +7,6 @@ until PX4 arms. The thread that arms it does not wait for the sample, so that it
 import os
 import socket
 import time
-from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome, candidate_places, check_rate
+from firmware_model.guest.guest import Dialect, GuestError, GuestOptions, GuestOutcome, candidate_places, check_rate
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4 import SimulatorLink
@@ -64,7 +63,7 @@ _OPERATION = {
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
 
 
-def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
+def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     """Return PX4 for a flight, not started.
 
     Raises
