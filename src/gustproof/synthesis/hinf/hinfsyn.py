@@ -244,25 +244,16 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple
     a little above. If steps are slow, the bracket is halved on a logarithmic scale. The same is done if there is no
     zero, because a solution ceases to exist while the margin is positive.
     """
-    low, high = floor, max(1.0, 2.0 * floor)
-    seen = [(high, _margin(halves, high))]
-    while seen[-1][1] <= 0.0:
-        low, high = high, 4.0 * high
-        if len(seen) == 60:
-            raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
-        seen.append((high, _margin(halves, high)))
-    misses = slow = 0
-    missed = False
+    low, seen = _bracket(halves, floor)
+    high, misses, slow, missed = seen[-1][0], 0, 0, False
     while high - low > _RESOLUTION * high and high > _SMALLEST_LEVEL:
         middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
         trusted = misses < _PATIENCE and slow < _PATIENCE
         zero = _find_zero(seen, low, high) if trusted and not missed else np.nan
-        follows = low < zero < (1.0 + _RESOLUTION) * high
-        # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
-        least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
         level = low + _BEYOND_MISS * width if trusted and missed else middle
-        if follows:
-            level = min(max(zero, least), most)
+        if follows := low < zero < (1.0 + _RESOLUTION) * high:
+            # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
+            level = min(max(zero, (1.0 + 0.4 * _RESOLUTION) * low), (1.0 - 0.4 * _RESOLUTION) * high)
         margin = _margin(halves, level)
         low, high = (low, level) if margin > 0.0 else (level, high)
         seen.append((level, margin))
@@ -270,6 +261,18 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple
         misses += missed
         slow = slow + 1 if follows and high - low > 0.5 * width else 0
     return high, bool(np.isfinite(dict(seen).get(low, -np.inf)))
+
+
+def _bracket(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, list[tuple[float, float]]]:
+    """Return a level too low, and those tried with their margins: the last one is high enough."""
+    low, high = floor, max(1.0, 2.0 * floor)
+    seen = [(high, _margin(halves, high))]
+    while seen[-1][1] <= 0.0:
+        low, high = high, 4.0 * high
+        if len(seen) == 60:
+            raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
+        seen.append((high, _margin(halves, high)))
+    return low, seen
 
 
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
