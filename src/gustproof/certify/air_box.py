@@ -19,7 +19,7 @@ from gustproof.law.form import law_path, load_law
 
 
 def certify_chance(law: str | Path, vehicle: str | Path, scenario: str | Path, risk: float = 1e-3) -> FlightCertificate:
-    """Return a certificate of the box that a flight in the scenario's turbulence leaves with probability `risk` at most.
+    """Return a certificate of the box that a flight in a scenario's turbulence leaves with a `risk` at most.
 
     Own and true attitude, rates and commands stay in the box over the scenario, on the nonlinear vehicle, its gyro
     noisy. The certificate has no part, as nothing bounds the moment. No flight is simulated.
@@ -80,7 +80,8 @@ def certify_chance(law: str | Path, vehicle: str | Path, scenario: str | Path, r
     )
     if not box:
         return certificate
-    verdict = check_certificate(json.dumps(certificate.to_dict()), **texts)
+    text = json.dumps(certificate.to_dict())
+    verdict = check_certificate(text, law=texts["law"], vehicle=texts["vehicle"], scenario=texts["scenario"])
     if not verdict.accepted:
         return replace(certificate, statement=verdict.reason)
     return replace(

@@ -329,6 +329,7 @@ def degrees_up(angle: Fraction) -> float:
 
 
 def read_bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+    """Return numbers of the evidence, none negative; refuse anything else."""
     if not isinstance(values, list) or len(values) != count:
         raise Refusal(f"{name} must be {count} numbers")
     numbers = [finite(name, value) for value in values]

@@ -147,17 +147,18 @@ def prove_chance(evidence: dict[str, Any], law_text: str, vehicle_text: str, sce
 def _describe(flight: Flight, risk: Fraction, box: Box, rest: Box) -> Proof:
     system, air = flight.system, flight.air
     truth, why = _truth_deg(flight, risk, box, rest)
+    estimate, torque = [degrees_up(row[X0]) for row in box], [float(row[DEMAND]) for row in box]
     figures = {
         "risk": float(risk),
         "horizon_s": float(air.duration),
-        "estimate_deg": [degrees_up(row[X0]) for row in box],
+        "estimate_deg": estimate,
         "truth_deg": truth,
-        "torque_nm": [float(row[DEMAND]) for row in box],
+        "torque_nm": torque,
     }
     words = (
         f"in Dryden turbulence of {air.wind:g} m/s at 20 ft and gyro noise of {float(air.noise):.3g} rad/s rms, law "
         f"'{system.name}' keeps for {float(air.duration):g} s, but for a risk of {float(risk):g}, its own attitude "
-        f"within {list_up(figures['estimate_deg'])} deg and its torque below {list_up(figures['torque_nm'])} N*m; "
+        f"within {list_up(estimate)} deg and its torque below {list_up(torque)} N*m; "
     )
     words += f"the true attitude stays within {list_up(truth)} deg" if truth else why
     return Proof(words, figures, _assumptions(flight, risk))
@@ -185,7 +186,7 @@ def _assumptions(flight: Flight, risk: Fraction) -> dict[str, Any]:
     return {
         "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, "
         "gyro without bias, float32 on the wire",
-        "air": "low-altitude Dryden filters in B, stationary and Gaussian, sampled with the law, angular gusts included",
+        "air": "low-altitude Dryden filters in B, stationary, Gaussian, sampled with the law, with angular gusts",
         "wind_20ft_m_s": air.wind,
         "gust_scale": air.gust_scale,
         "law": system.name,
@@ -200,5 +201,3 @@ def _assumptions(flight: Flight, risk: Fraction) -> dict[str, Any]:
         "noise_rad_s": float(air.noise),
         "risk": float(risk),
     }
-
-

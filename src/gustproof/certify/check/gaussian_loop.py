@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from gustproof.certify.check.dryden_air import Air
 from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, UP, X0, sample_map, unit_loop
 from gustproof.certify.check.system import LoopSystem, Refusal
-from gustproof.lti.rational import exp_lower_bound, identity, multiply, transpose
+from gustproof.lti.rational import exp_lower_bound, identity, multiply, round_up, transpose
 
 Array = NDArray[np.float64]
 _EPS = 2.0**-44
 """[-] two hundred roundings: 8 in each F, two products of at most 30 terms each, and the sums."""
 _MOST_ORDER = 30
-_CHUNKS = 48
+_CHUNKS = 240
 """Stretches of the flight, in each of which a deviation counts as its largest."""
 _FAR = Fraction(12)
 """[-] deviations; the tail beyond is below 1e-32."""
@@ -143,9 +143,13 @@ def least_angle(sigmas: list[Fraction], samples: int, risk: Fraction) -> Fractio
 
 def _tail(bound: Fraction, sigma: Fraction) -> Fraction:
     """Return a bound of the probability that a normal number of deviation `sigma` is beyond `bound`."""
-    if not sigma:
-        return Fraction(0)
-    z = min(Fraction(math.floor(64 * bound / sigma), 64), _FAR)
-    if z <= 0:
-        return Fraction(1)
-    return Fraction(4, 5) / (z * exp_lower_bound(z * z / 2))
+    z = min(bound / sigma, _FAR) if sigma else _FAR
+    return _tail_of(math.floor(8 * z * z)) if z > 1 else Fraction(1)
+
+
+@lru_cache(maxsize=2048)
+def _tail_of(sixteenths: int) -> Fraction:
+    """Return a bound of the probability of deviations whose half square is at least so many sixteenths."""
+    root = Fraction(math.floor(exp_lower_bound(Fraction(1, 16)) * (1 << 96)), 1 << 96)
+    z = Fraction(math.isqrt(sixteenths << 29), 1 << 16)  # sqrt(sixteenths / 8), rounded down
+    return round_up(Fraction(4, 5) / (z * root**sixteenths), 128)

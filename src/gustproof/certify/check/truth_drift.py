@@ -139,9 +139,7 @@ def truth_bound(
     if joint is not None:
         apart = newest + _walk_error(system, case, noise, tilted, disturbance.steps, joint.risk)
         coupled = _excess_N(angles, walk)
-        angles = [
-            joint.angle[i] + joint.rest[i] + (own[i] - box[i][X0]) + apart + coupled[i] for i in range(3)
-        ]
+        angles = [joint.angle[i] + joint.rest[i] + (own[i] - box[i][X0]) + apart + coupled[i] for i in range(3)]
     for budget in [[disturbance.steps * step / _CHUNKS for step in steps]] * _CHUNKS:
         angles = _turn(angles, budget, _excess_N)
     # between samples: a chord, and h^2 / 8 times the second derivative
