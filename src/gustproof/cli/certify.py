@@ -54,6 +54,8 @@ _ASSUMPTIONS = {
     "noise_probability": "risk from noise",
     "noise_period_s": "risk counts over [s]",
     "wind_20ft_m_s": "wind at 20 ft [m/s]",
+    "airspeed_m_s": "it passes at [m/s]",
+    "altitude_m": "altitude [m]",
     "gust_scale": "factor on gusts",
 }
 """Label of each assumption on a terminal; others keep their key."""

@@ -66,6 +66,10 @@ class Air(NamedTuple):
     """Samples of the flight, rounded up."""
     wind: float
     """[m/s] at 20 ft."""
+    airspeed: float
+    """[m/s] at which the field passes."""
+    altitude: float
+    """[m] above ground."""
     gust_scale: float
     """[-] factor on all gusts."""
 
@@ -93,14 +97,18 @@ def read_air(scenario_text: str, vehicle_text: str, system: LoopSystem) -> Air:
         raise Refusal(f"the flight has {steps} samples, the proof takes {_MOST_STEPS} at most")
     wind = _read_wind(scenario)
     scale = float(_number("gust_scale", scenario.get("gust_scale", 1.0), least=0.0))
-    filters = _filters(wind, vehicle, float(_number("altitude_m", scenario.get("altitude_m", 10.0), most=_CEILING)))
+    strength, altitude = _speed(wind), float(_number("altitude_m", scenario.get("altitude_m", 10.0), most=_CEILING))
+    airspeed = float(_number("airspeed_mps", wind.get("airspeed_mps", max(strength, 1.0)), least=1.0))
+    filters = _filters(strength, airspeed, altitude, float(_number("span", vehicle["span"])))
     axes = tuple(_read_axis(filters, vehicle, scale, system, axis) for axis in range(3))
     return Air(
         axes=(axes[0], axes[1], axes[2]),
         noise=_read_noise(vehicle, float(rate)),
         duration=duration,
         steps=steps,
-        wind=_speed(wind),
+        wind=strength,
+        airspeed=airspeed,
+        altitude=altitude,
         gust_scale=scale,
     )
 
@@ -135,11 +143,8 @@ class _Filter(NamedTuple):
     """(k,) [rad/s] state to angular gust, or nothing."""
 
 
-def _filters(wind: dict[str, Any], vehicle: dict[str, Any], altitude: float) -> dict[str, _Filter]:
+def _filters(strength: float, V: float, altitude: float, span: float) -> dict[str, _Filter]:
     """Return the filters of the six components by name, MIL-F-8785C (3.7.1.2, 3.7.3.4)."""
-    strength = _speed(wind)
-    V = float(_number("airspeed_mps", wind.get("airspeed_mps", max(strength, 1.0)), least=1.0))
-    span = float(_number("span", vehicle["span"]))
     height = max(altitude / _FOOT, 10.0)
     shear = 0.177 + 0.000823 * height
     sigma_w = 0.1 * strength

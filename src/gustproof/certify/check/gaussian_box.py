@@ -188,6 +188,8 @@ def _assumptions(flight: Flight, risk: Fraction) -> dict[str, Any]:
         "gyro without bias, float32 on the wire",
         "air": "low-altitude Dryden filters in B, stationary, Gaussian, sampled with the law, with angular gusts",
         "wind_20ft_m_s": air.wind,
+        "airspeed_m_s": air.airspeed,
+        "altitude_m": air.altitude,
         "gust_scale": air.gust_scale,
         "law": system.name,
         "moment_between_samples": "held",

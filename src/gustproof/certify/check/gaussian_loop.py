@@ -120,7 +120,8 @@ def _stack(system: LoopSystem, air: Air) -> tuple[Array, Array, Array, Array, in
         rows[i, m + 1, COMMAND], rows[i, m + 1, TORQUE] = 1.0, -1.0
         rows[i, m + 2, at] = acceleration
         rows[i, m + 3, X0] = rows[i, m + 3, W] = 1.0
-    P[:, range(n), range(n)] *= 1.0 + n * _EPS  # the first rounding
+    for M in (P, Q):  # their own rounding, before u counts it
+        M[:, range(n), range(n)] *= 1.0 + n * _EPS
     return F, Q, P, rows, m
 
 
