@@ -80,8 +80,8 @@ def read_air(scenario_text: str, vehicle_text: str, system: LoopSystem) -> Air:
     Raises
     ------
     Refusal
-        If the scenario has more than turbulence on a level stand, or flies another sample time or delay, or the gyro
-        has a bias or noise that is not white.
+        If the scenario has more than turbulence on a level stand, or another sample time or delay. Or if the gyro has
+        a bias or noise that is not white.
     """
     scenario, vehicle = tomllib.loads(scenario_text), tomllib.loads(vehicle_text)
     if others := sorted(set(scenario) - _MEANT):

@@ -10,8 +10,8 @@ is then clipped, so the flight stays in the box for as long as the linear part k
 
 **Truth.** By Theorem 2 the true rotation is that of the law's attitude, turned by the noise that its gyro summed up,
 and by one-step errors. To first order the first two add up to a Gaussian number, the linear true angle, in which
-feedback has its part. What is left of the noise's turn is a martingale with increments of a few hundredths of the
-noise, and products of angles, both bounded in the box; see `truth_drift`.
+feedback has its part. The rest of the noise's turn is products of angles, and a martingale whose increments are a few
+hundredths of the noise. Both are bounded in the box; see `truth_drift`.
 
 **Risk.** A share of 1/32 each is spent on the box, on mean square and size of the noise's sum, and on the martingale.
 The rest is spent on the linear true angle, a third on each axis.

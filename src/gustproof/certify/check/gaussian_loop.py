@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from gustproof.certify.check.dryden_air import Air
 from gustproof.certify.check.kernel_norms import COMMAND, OMEGA, TORQUE, UP, X0, sample_map, unit_loop
 from gustproof.certify.check.system import LoopSystem, Refusal
-from gustproof.lti.rational import exp_lower_bound, identity, multiply, round_up, transpose
+from gustproof.lti.rational import RationalMatrix, add, exp_lower_bound, multiply, round_up, scale, transpose
 
 Array = NDArray[np.float64]
 _EPS = 2.0**-44
@@ -95,34 +95,43 @@ def _stack(system: LoopSystem, air: Air) -> tuple[Array, Array, Array, Array, in
     n = m + 1 + max(len(axis.A) for axis in air.axes)
     if n > _MOST_ORDER:
         raise Refusal(f"law '{system.name}' has too many states for a bound of the rounding")
-    F, Q, P = (np.zeros((3, n, n)) for _ in range(3))
-    rows, W, sigma = np.zeros((3, m + 4, n)), m, float(air.noise) * UP
-    for i, axis in enumerate(air.axes):
-        at = slice(m + 1, m + 1 + len(axis.A))
-        Phi, units = unit_loop(system, i)
-        F[i, :m, :m], F[i, W, W] = Phi[0], 1.0
-        # the air's acceleration is held: it adds the integral of exp(-damping s)
-        push = sample_map(system, i, float(1 / system.lag))[3][0]
-        inverse = 1 / system.inertia[i]
-        acceleration = [float(a * inverse + b) for a, b in zip(axis.moment, axis.turn, strict=True)]
-        F[i, OMEGA, at] = push * np.array(acceleration)
-        F[i, at, at] = [[float(value) for value in row] for row in axis.A]
-        P[i, at, at] = [[float(value) for value in row] for row in axis.P]
-        noise = np.zeros(n)
-        noise[:m], noise[W] = sigma * units[0, :, -1], -sigma * float(system.dt)
-        Q[i] = np.outer(noise, noise)
-        A = [list(row) for row in axis.A]
-        kept = multiply(multiply(A, [list(row) for row in axis.P]), transpose(A))
-        Q[i, at, at] += [[float(a - b) for a, b in zip(x, y, strict=True)] for x, y in zip(axis.P, kept, strict=True)]
-        rows[i, :m, :m] = np.array(identity(m), dtype=float)
-        rows[i, m] = F[i, OMEGA]
-        rows[i, m, OMEGA] -= 1.0
-        rows[i, m + 1, COMMAND], rows[i, m + 1, TORQUE] = 1.0, -1.0
-        rows[i, m + 2, at] = acceleration
-        rows[i, m + 3, X0] = rows[i, m + 3, W] = 1.0
+    F, Q, P, rows = (np.stack(each) for each in zip(*(_fill(system, air, i, m, n) for i in range(3)), strict=True))
     for M in (P, Q):  # their own rounding, before u counts it
         M[:, range(n), range(n)] *= 1.0 + n * _EPS
     return F, Q, P, rows, m
+
+
+def _fill(system: LoopSystem, air: Air, i: int, m: int, n: int) -> tuple[Array, Array, Array, Array]:
+    """Return F, Q, P (n, n) and outputs (m + 4, n) of axis i, whose loop has m states."""
+    A, stationary = ([list(row) for row in rows] for rows in (air.axes[i].A, air.axes[i].P))
+    at, W, sigma = slice(m + 1, m + 1 + len(A)), m, float(air.noise) * UP
+    Phi, units = unit_loop(system, i)
+    # the air's acceleration is held: it adds the integral of exp(-damping s)
+    push = sample_map(system, i, float(1 / system.lag))[3][0]
+    pairs = zip(air.axes[i].moment, air.axes[i].turn, strict=True)
+    acceleration = _floats([[a / system.inertia[i] + b for a, b in pairs]])
+    F = np.zeros((n, n))
+    F[:m, :m], F[W, W] = Phi[0], 1.0
+    F[OMEGA, at] = push * acceleration[0]
+    F[at, at] = _floats(A)
+    P = np.zeros((n, n))
+    P[at, at] = _floats(stationary)
+    noise = np.zeros(n)
+    noise[:m], noise[W] = sigma * units[0, :, -1], -sigma * float(system.dt)
+    Q = np.outer(noise, noise)
+    Q[at, at] += _floats(add(stationary, scale(-1, multiply(multiply(A, stationary), transpose(A)))))
+    rows = np.zeros((m + 4, n))
+    rows[:m, :m] = np.eye(m)
+    rows[m] = F[OMEGA]
+    rows[m, OMEGA] -= 1.0
+    rows[m + 1, COMMAND], rows[m + 1, TORQUE] = 1.0, -1.0
+    rows[m + 2, at] = acceleration[0]
+    rows[m + 3, X0] = rows[m + 3, W] = 1.0
+    return F, Q, P, rows
+
+
+def _floats(rows: RationalMatrix) -> Array:
+    return np.array([[float(value) for value in row] for row in rows])
 
 
 def least_angle(sigmas: list[Fraction], samples: int, risk: Fraction) -> Fraction:
