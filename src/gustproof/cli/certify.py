@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from gustproof.certify.certificate import Certificate
     from gustproof.certify.check.evidence import CheckResult
     from gustproof.certify.gain.parts import Delay, Part
+    from gustproof.law.form import Law
+    from gustproof.lti.rational import RationalMatrix
     from gustproof.lti.state_space import LinearSystem
     from gustproof.model.interconnection import Interconnection
     from gustproof.model.lft import Uncertain
@@ -72,6 +74,8 @@ class _Loop(NamedTuple):
     """[1/s] speeds of its normalised parameters, if bounded."""
     parts: "dict[str, Part]"
     """Parts of the command's path, by name."""
+    radius: "dict[str, RationalMatrix] | None"
+    """Distances of its numbers from those without rounding, of a law file's; `None` for a design's."""
 
 
 def certify(
@@ -210,6 +214,8 @@ def certify(
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
 
+        gustproof certify my-lpv.json --angle-rad 0.3 --rate-rad-s 0.5 --check certificate.json
+
         gustproof certify --check flight.json --law flagship --vehicle paper
 
         gustproof certify --check chance.json --law flagship --vehicle paper --air paper-turbulence
@@ -226,7 +232,7 @@ def certify(
         derived = None
         with working(f"checking {check_file}", quiet=as_json):
             if name is not None and envelope is not None:
-                derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
+                derived = _derive_loop(name, vehicle, *envelope, **gain)
             status = _check(check_file, law, None if name else vehicle, air, derived, as_json=as_json)
         raise typer.Exit(status.value)
     if name is None or law is not None:
@@ -333,8 +339,6 @@ def _find_design(name: str) -> "Design":
     from gustproof.law.form import list_laws
     from gustproof.synthesis.designs import list_designs, load_design
 
-    if name.endswith(".json"):
-        raise ConfigError("--check takes the certificate of a law file's gain alone: it holds its loop")
     if name not in list_laws():
         return load_design(name)
     made_from = {design.law: design for design in map(load_design, list_designs())}
@@ -351,21 +355,21 @@ def _has_gain(design: "Design") -> bool:
     return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
-def _scheduled_law(name: str) -> "tuple[Design, Uncertain]":
-    """Return the design of a scheduled law's file, and its continuous controller."""
+def _scheduled_law(name: str) -> "tuple[Design, Law]":
+    """Return the design of a scheduled law's file, and the law."""
     from gustproof.law.form import load_law
-    from gustproof.law.schedule import continuous_controller
+    from gustproof.law.schedule import sampled_controller
     from gustproof.synthesis.designs import list_designs, load_design
 
     law = load_law(name)
     design = law.provenance.design.split(":")[0]
     try:
-        controller = continuous_controller(law)
+        sampled_controller(law)
         if design not in list_designs():
             raise ValueError(f"law '{law.name}' was made from no shipped design, and a gain needs the weights of one")
     except ValueError as error:
         raise ConfigError(f"{name}: {error}; give the design") from None
-    return load_design(design), controller
+    return load_design(design), law
 
 
 def _certify_gain(
@@ -383,8 +387,7 @@ def _certify_gain(
 ) -> "Certificate":
     from gustproof.certify.gain.l2_gain import certify_gain
 
-    design, scheduled = _scheduled_law(name) if name.endswith(".json") else (_find_design(name), None)
-    problem, controller = _design_loop(design, scheduled, vehicle, leak)
+    design, problem, controller = _named_loop(name, vehicle, leak)
     delay = _parse_delay(delay_ms)
     try:
         return certify_gain(
@@ -413,25 +416,26 @@ def _parse_delay(delay_ms: float | None) -> "Delay | None":
         raise ConfigError(f"--delay-ms: {error}") from None
 
 
-def _design_loop(
-    design: "Design", scheduled: "Uncertain | None", vehicle: str | None, leak: float | None
-) -> "tuple[Interconnection, LinearSystem | Uncertain]":
-    """Return a design's problem, with another leak if given, and its controller or the `scheduled` one."""
+def _named_loop(
+    name: str, vehicle: str | None, leak: float | None
+) -> "tuple[Design, Interconnection, LinearSystem | Law]":
+    """Return a design, its problem, with another leak if given, and its controller; or a scheduled law and its own."""
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
+    design, law = _scheduled_law(name) if name.endswith(".json") else (_find_design(name), None)
     airframe = load_vehicle(vehicle or design.vehicle)
     if leak is not None and not 0.0 < leak < math.inf:
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
     problem = design_problem(design if leak is None else replace(design, leak=leak), airframe)
-    return problem, derive(design, airframe)[1].result.controller if scheduled is None else scheduled
+    return design, problem, derive(design, airframe)[1].result.controller if law is None else law
 
 
 def _derive_loop(
-    design: "Design",
+    name: str,
     vehicle: str | None,
     angle: float,
     rate: float,
@@ -442,18 +446,19 @@ def _derive_loop(
     delay_ms: float | None,
     saturation: float | None,
 ) -> "_Loop":
-    """Return the loop that a certificate of a design is about."""
-    from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds
+    """Return the loop that a certificate of a design or of a scheduled law is about."""
+    from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds, law_rounding
     from gustproof.model.rotational import Envelope
 
-    problem, controller = _design_loop(design, None, vehicle, leak)
+    design, problem, controller = _named_loop(name, vehicle, leak)
     delay, scheduled = _parse_delay(delay_ms), exact_rho or design.scheduled
     try:
         envelope = Envelope(angle=angle, rate=rate)
         loop = attitude_loop(problem, controller, envelope, scheduled=scheduled, delay=delay, saturation=saturation)
+        radius = law_rounding(problem, controller, envelope, loop, delay=delay, saturation=saturation)
         kept = design.leak if leak is None else leak
         speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
-        return _Loop(loop, speeds, command_parts(delay, saturation))
+        return _Loop(loop, speeds, command_parts(delay, saturation), radius)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 
@@ -511,6 +516,8 @@ def _check(
     from gustproof.certify.gain.l2_gain import derived_loop, lower_bound
     from gustproof.law.form import law_path
 
+    if derived is not None and air is not None:
+        raise ConfigError("--check of a gain takes no --air")
     try:
         text = read_text(path)
         claimed = parse_json(text)
@@ -524,7 +531,7 @@ def _check(
     loop = None if derived is None else derived_loop(*derived)
     verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, scenario=air_text, loop=loop)
     if verdict.accepted and derived is not None:
-        verdict = _weigh(verdict, lower_bound(*derived))
+        verdict = _weigh(verdict, lower_bound(*derived[:3]))
     _show_verdict(verdict, as_json=as_json)
     return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
 

@@ -79,9 +79,9 @@ def sparse_law(law: Law) -> SparseLaw:
     ends = np.cumsum([len(terms) for terms in filled])
     every = np.array([term for terms in filled for term in terms])
     # Copied, as some of a law are read-only and some are not: kernels would be compiled for each of the two.
-    limits = (each.copy() for each in (law.limits, own.limits, law.attitude_limits))
+    limits, rates, attitude = law.limits.copy(), own.limits.copy(), law.attitude_limits.copy()
     kind = bool(np.any(law.G)), law.uses_accelerometer
-    return SparseLaw(ends, every, *kind, *limits, _rows_of_schedule(turn, n))
+    return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n))
 
 
 def _rows_of_schedule(schedule: Schedule, n: int) -> Matrix:

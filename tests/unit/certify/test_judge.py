@@ -1230,7 +1230,7 @@ def test_a_shorter_ball_holds_the_longer_one():
 
 def test_a_product_of_balls_holds_all_products_of_their_members():
     A, B = ball([[1, -2]], [[0.25, 0.5]]), ball([[-3], [0.5]], [[0.125], [2]])
-    found = dissipation._product(A, B)
+    found = dissipation.ball_product(A, B)
     assert found.middle == [[-4]]
     assert found.radius == [[0.125 + 4 + 0.75 + 0.25 + 0.03125 + 1]]
 
@@ -1243,7 +1243,7 @@ def test_the_form_of_exact_numbers_is_exact():
     for form in (*slow, *forms, dissipation.stability_inequality(constrained)):
         assert not any(map(any, form.radius))
         assert rational.is_symmetric(form.middle)
-    numbers = dissipation._widen([[Fraction(2), zero], [Fraction(-8), Fraction(4)]], Fraction(1, 64))
+    numbers = dissipation.widen([[Fraction(2), zero], [Fraction(-8), Fraction(4)]], Fraction(1, 64))
     assert numbers.radius == [[Fraction(1, 8), Fraction(1, 16)], [Fraction(1, 8), Fraction(1, 8)]]
 
 
@@ -1291,7 +1291,7 @@ def test_no_rounding_lets_a_part_see_what_it_does_not():
     """A zero of its rows of D is none of rounding's; in those of a parameter it is."""
     system_of = dissipation._System(constrained_evidence(), Fraction(1, 64))
     D = constrained_evidence()["system"]["D"]
-    wide = system_of._widen_feedthrough([[Fraction(value) for value in row] for row in D], Fraction(1, 64))
+    wide = system_of._keep_zeros(dissipation.widen(rational.to_rational(D), Fraction(1, 64)))
     for i, row in enumerate(D):
         for value, off in zip(row, wide.radius[i], strict=True):
             assert (off > 0) is (bool(value) or i in (2, 6, 7))

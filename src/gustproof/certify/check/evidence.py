@@ -29,7 +29,7 @@ from gustproof.certify.check.gaussian_box import KIND as CHANCE
 from gustproof.certify.check.gaussian_box import prove_chance
 from gustproof.certify.check.quadratic_constraints import check_multipliers, kind_of
 from gustproof.certify.check.system import Refusal, finite
-from gustproof.lti.rational import is_positive_definite, to_rational
+from gustproof.lti.rational import RationalMatrix, is_positive_definite, to_rational
 
 FORMAT = "gustproof-certificate-1"
 ROUNDING = Fraction(1, 1 << 40)
@@ -50,6 +50,13 @@ class DerivedLoop(NamedTuple):
     """[1/s] speed of each normalised parameter, already above rounding; `None` for any speed."""
     parts: list[dict[str, Any]]
     """Entries that make a block other than a real parameter: kind, and largest delay [s] or oddness."""
+    radius: dict[str, RationalMatrix] | None = None
+    """Distances of the numbers of A, B, C and D from those of the loop; `None` for `ROUNDING` of the largest each."""
+
+    @property
+    def source(self) -> str:
+        """Files that it was derived from, in words."""
+        return "the design" if self.radius is None else "the law's file and its design"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,8 +166,8 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     plant, share = "the continuous linear system of the evidence, closed by Delta", Fraction(0)
     if loop is not None:
         _check_blocks_of(loop, evidence["blocks"])
-        evidence = {**evidence, "system": loop.system}
-        plant = "the continuous linear system derived from the design, and all within its rounding, closed by Delta"
+        evidence = {**evidence, "system": loop.system, "radius": loop.radius}
+        plant = f"the continuous linear system derived from {loop.source}, and all within its rounding, closed by Delta"
         share = ROUNDING
     prove(level, evidence, share)
     assumes = {
