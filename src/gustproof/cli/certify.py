@@ -20,6 +20,8 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
     from gustproof.certify.check.evidence import CheckResult
@@ -521,9 +523,9 @@ def _check(
     try:
         text = read_text(path)
         claimed = parse_json(text)
-        law_text = None if law is None else read_text(law_path(law))
-        vehicle_text = None if vehicle is None else read_text(vehicle_path(vehicle))
-        air_text = None if air is None else read_text(scenario_path(air))
+        law_text = _read_given(law, law_path)
+        vehicle_text = _read_given(vehicle, vehicle_path)
+        air_text = _read_given(air, scenario_path)
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
@@ -534,6 +536,13 @@ def _check(
         verdict = _weigh(verdict, lower_bound(*derived[:3]))
     _show_verdict(verdict, as_json=as_json)
     return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
+
+
+def _read_given(name: str | None, find: "Callable[[str], Path]") -> str | None:
+    """Return the text of a file that `find` finds by its name; `None` without one."""
+    from firmware_model.config.files import read_text
+
+    return None if name is None else read_text(find(name))
 
 
 def _weigh(verdict: "CheckResult", reached: float) -> "CheckResult":
