@@ -130,13 +130,15 @@ def truth_bound(
     """
     noise = _noise(system, case, disturbance)
     estimate = [row[X0] + system.dt / 2 * e for row, e in zip(box, _own_excess(box), strict=True)]
-    carried, steps, tilted = _step_errors(system, case, box, disturbance, noise, estimate)
+    carried, steps = _step_errors(system, case, box, disturbance, noise, estimate)
     newest = system.dt * case.deviations * case.noise  # half of the newest sample's noise, which w counts in full
     # R = Y R(E) exp(c): the estimate, turned by c in B, and then in N by all of Y
     own = _turn(estimate, carried, excess)
     walk = [noise.walk + newest] * 3
     angles = _turn(own, walk, _excess_N)
     if joint is not None:
+        # of S at a sample, and the turn of one sample more
+        tilted = sum((a + system.dt * row[X1] for a, row in zip(own, box, strict=True)), Fraction(0))
         apart = newest + _walk_error(system, case, noise, tilted, disturbance.steps, joint.risk)
         coupled = _excess_N(angles, walk)
         angles = [joint.angle[i] + joint.rest[i] + (own[i] - box[i][X0]) + apart + coupled[i] for i in range(3)]
@@ -160,8 +162,8 @@ def _own_excess(box: Box) -> Three:
 
 def _step_errors(
     system: LoopSystem, case: Case, box: Box, disturbance: Disturbance, noise: _Noise, estimate: Three
-) -> tuple[Three, Three, Fraction]:
-    """Return bounds of c at a sample, of the turn of Y in a sample, by axis in N, and of the angle of S."""
+) -> tuple[Three, Three]:
+    """Return bounds of c at a sample, and of the turn of Y in a sample, by axis in N."""
     h = system.dt
     gyro = [row[X1] for row in box]
     held = [h**2 / 12 * row[TORQUE] * inverse for row, inverse in zip(box, system.inverse_inertia, strict=True)]
@@ -183,11 +185,11 @@ def _step_errors(
     twist = size * _norm(quadrature)
     body = [a + b + d + twist for a, b, d in zip(between, kinematics, quadrature, strict=True)]
     # the rotations that these vectors pass: the estimate's, a sample's turn, c, and the noise's of Y
-    S = [x + h * g + part for x, g, part in zip(estimate, gyro, c, strict=True)]
-    tilted = _tilt([value + noise.walk for value in S], body)
+    passed = [x + h * g + part + noise.walk for x, g, part in zip(estimate, gyro, c, strict=True)]
+    tilted = _tilt(passed, body)
     length = _norm(body)
     random = _noise_error(system, noise, size, _norm(gyro) + c_rate) + 4 * h * noise.mean * length
-    return held, [round_up(value + random) for value in tilted], sum(S, Fraction(0))
+    return held, [round_up(value + random) for value in tilted]
 
 
 def _kinematic_error(
