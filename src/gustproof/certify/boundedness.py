@@ -5,6 +5,7 @@ The producer grows a box until it maps into itself. What the box proves is said 
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -170,7 +171,7 @@ def certify_boundedness(
     try:
         claim = read_claim({**evidence, "box": [[0.0]] * 3})
         system = spread_system(read_system(law_text, vehicle_text), claim)
-        samples, norms = _norms(system)
+        samples, norms = find_norms(system)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
     part, box = _largest_part(system, claim, norms)
@@ -202,7 +203,7 @@ def certify_boundedness(
     )
 
 
-def _norms(system: LoopSystem) -> tuple[int, Norms]:
+def find_norms(system: LoopSystem) -> tuple[int, Norms]:
     """Return the least power of two of samples that bounds the tails, and the norms.
 
     Raises
@@ -241,14 +242,18 @@ def _largest_part(system: LoopSystem, claim: Claim, norms: Norms) -> tuple[Fract
 
 
 def _grow_box(system: LoopSystem, norms: Norms, case: Case, box: Box) -> Box:
-    """Grow `box` until it closes and return it; an empty box if it does not settle within the limits.
+    return grow_box(system, case, box, lambda kept: map_flight(system, norms, case, kept))
+
+
+def grow_box(system: LoopSystem, case: Case, box: Box, follow: Callable[[Box], Box]) -> Box:
+    """Grow `box` until what follows of it lies inside and return it; an empty box if it does not settle.
 
     The map is convex and grows with the box: once the steps lengthen, they lengthen for good.
     """
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
-            follows = map_flight(system, norms, case, box)
+            follows = follow(box)
         except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
         kept = all(is_within_limits(system, row, axis) for axis, row in enumerate(box))

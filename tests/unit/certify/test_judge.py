@@ -856,7 +856,7 @@ def test_deviations_that_do_not_cover_the_risk_are_refused(monkeypatch):
 @pytest.mark.parametrize(("above", "steps"), [(-0.0007, 1), (-0.0015, 0), (0.0, 1)])
 def test_degrees_are_rounded_up_with_a_thousandth_of_a_step_to_spare(above, steps):
     angle = Fraction(math.radians((1000.0 + above) * 1e-6))
-    assert flight_box._degrees_up(angle) == (1000 + steps) / 1e6
+    assert flight_box.degrees_up(angle) == (1000 + steps) / 1e6
 
 
 def test_the_truth_without_horizon_is_not_bounded():

@@ -24,7 +24,9 @@ from gustproof.certify.check.dissipation import (
     stability_inequality,
     vertices,
 )
-from gustproof.certify.check.flight_box import KIND, prove_flight_box
+from gustproof.certify.check.flight_box import KIND, Proof, prove_flight_box
+from gustproof.certify.check.gaussian_box import KIND as CHANCE
+from gustproof.certify.check.gaussian_box import prove_chance
 from gustproof.certify.check.quadratic_constraints import check_multipliers, kind_of
 from gustproof.certify.check.system import Refusal, finite
 from gustproof.lti.rational import RationalMatrix, is_positive_definite, to_rational
@@ -72,11 +74,17 @@ class CheckResult:
 
 
 def check_certificate(
-    certificate_json: str, *, law: str | None = None, vehicle: str | None = None, loop: DerivedLoop | None = None
+    certificate_json: str,
+    *,
+    law: str | None = None,
+    vehicle: str | None = None,
+    scenario: str | None = None,
+    loop: DerivedLoop | None = None,
 ) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. That of a gain is checked for
+    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too, and one of its chance that of
+    the `scenario` file. That of a gain is checked for
     the `loop`, if one is given, in place of the one that it holds. The seal is a checksum, no
     signature: it shows damage, not forgery. Any text gets a verdict; nothing is raised.
 
@@ -96,7 +104,9 @@ def check_certificate(
         if set(document) != {"format", "evidence"}:
             raise Refusal("a certificate holds evidence alone: its claim is made from that")
         if document["evidence"]["kind"] == KIND:
-            return _check_flight_box(document["evidence"], law, vehicle)
+            return _accept(_check_flight_box(document["evidence"], law, vehicle))
+        if document["evidence"]["kind"] == CHANCE:
+            return _accept(_check_chance(document["evidence"], law, vehicle, scenario))
         return check_evidence(document["evidence"], loop)
     except Refusal as refusal:
         return CheckResult(accepted=False, reason=str(refusal))
@@ -118,10 +128,19 @@ def _refuse_constant(name: str) -> None:
     raise Refusal(f"{name} is no number")
 
 
-def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
+def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> Proof:
     if law is None or vehicle is None:
         raise Refusal("a flight's box is proved of its law and vehicle files: give both")
-    proof = prove_flight_box(evidence, law, vehicle)
+    return prove_flight_box(evidence, law, vehicle)
+
+
+def _check_chance(evidence: dict[str, Any], law: str | None, vehicle: str | None, scenario: str | None) -> Proof:
+    if law is None or vehicle is None or scenario is None:
+        raise Refusal("a flight's chance is proved of its law, vehicle and scenario files: give all three")
+    return prove_chance(evidence, law, vehicle, scenario)
+
+
+def _accept(proof: Proof) -> CheckResult:
     return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 

@@ -145,7 +145,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ KEYS))}")
     if evidence["kind"] != KIND:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    moment = _bounds("moment", evidence["moment"])
+    moment = read_bounds("moment", evidence["moment"])
     if max(moment) == 0:
         raise Refusal("moment is 0, must be positive about an axis")
     part, noise, risk = (finite(name, evidence[name]) for name in ("part", "noise", "risk"))
@@ -156,7 +156,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
     if not (LEAST_RISK <= risk < 1 if noise else risk == 0):
         raise Refusal(f"risk is {float(risk)}, must be a probability, {float(LEAST_RISK):g} or more; 0 without noise")
     moment_class = MomentClass(evidence["moment_class"])
-    slope = _bounds("slope", evidence["slope"])
+    slope = read_bounds("slope", evidence["slope"])
     if (moment_class is MomentClass.SLOPE) != (max(slope) > 0):
         raise Refusal("a slope belongs to moments of class 'slope', and to no other")
     horizon = None if evidence["horizon"] is None else finite("horizon", evidence["horizon"])
@@ -173,7 +173,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
             raise Refusal(f"samples and cells are {samples!r} and {cells!r}, must be whole numbers")
     if not all(1 <= value <= MOST_CELLS for value in cells):
         raise Refusal(f"cells are {cells}, must be 1 to {MOST_CELLS}")
-    box = [_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
+    box = [read_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
     return Claim(
         moment=moment,
         part=part,
@@ -219,7 +219,7 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
 
 def describe(system: LoopSystem, claim: Claim) -> Proof:
     """Return statement, figures and assumptions of a claim whose box closes."""
-    estimate_deg = [_degrees_up(row[X0]) for row in claim.box]
+    estimate_deg = [degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)
     figures = {
         "part": float(claim.part),
@@ -234,7 +234,7 @@ def describe(system: LoopSystem, claim: Claim) -> Proof:
 def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float | None] | None, str]:
     """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
     if system.tilt is not None:
-        return [*map(_degrees_up, levelled_truth(system, claim.box)), None], ""
+        return [*map(degrees_up, levelled_truth(system, claim.box)), None], ""
     if claim.horizon is None:
         return None, "without a horizon the truth has no bound: gyros do not observe attitude"
     moment = [claim.part * value for value in claim.moment]
@@ -253,14 +253,14 @@ def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float | None] | N
         truth = truth_bound(system, case, box, disturbance)
     except Refusal as refusal:
         return None, str(refusal)
-    return [_degrees_up(value) for value in truth], ""
+    return [degrees_up(value) for value in truth], ""
 
 
 def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: str) -> str:
     moment = ", ".join(f"{float(claim.part * value):.4g}" for value in claim.moment)
     words = (
-        f"law '{system.name}' keeps its own attitude within {_list_up(figures['estimate_deg'])} deg for ever and its "
-        f"torque below {_list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
+        f"law '{system.name}' keeps its own attitude within {list_up(figures['estimate_deg'])} deg for ever and its "
+        f"torque below {list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
     )
     if claim.inertia_spread or claim.lag_spread:
         inertia, lag = float(100 * claim.inertia_spread), float(100 * claim.lag_spread)
@@ -275,10 +275,10 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
 def _state_truth(system: LoopSystem, claim: Claim, truth: list[float | None]) -> str:
     between = {
         MomentClass.HELD: "a moment held over each sample",
-        MomentClass.SLOPE: f"slopes below {_list_up(map(float, claim.slope))} N*m/s within a sample",
+        MomentClass.SLOPE: f"slopes below {list_up(map(float, claim.slope))} N*m/s within a sample",
         MomentClass.ANY: "a moment that is any function of time",
     }[claim.moment_class]
-    bounds = _list_up(value for value in truth if value is not None)
+    bounds = list_up(value for value in truth if value is not None)
     if system.tilt is not None:
         words = f"the true roll and pitch stay within {bounds} deg for ever, under {between}"
         return f"{words}; the true heading has no bound: an accelerometer does not observe it"
@@ -318,17 +318,18 @@ def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
     }
 
 
-def _list_up(values: Iterable[float]) -> str:
+def list_up(values: Iterable[float]) -> str:
     """Return bounds to three decimals, none rounded down."""
     return ", ".join(f"{math.ceil(1e3 * value) / 1e3:g}" for value in values)
 
 
-def _degrees_up(angle: Fraction) -> float:
+def degrees_up(angle: Fraction) -> float:
     """Return an angle [rad] in degrees, not rounded down."""
     return math.ceil(1e6 * math.degrees(float(angle)) + 1e-3) / 1e6
 
 
-def _bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+def read_bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+    """Return numbers of the evidence, none negative; refuse anything else."""
     if not isinstance(values, list) or len(values) != count:
         raise Refusal(f"{name} must be {count} numbers")
     numbers = [finite(name, value) for value in values]
