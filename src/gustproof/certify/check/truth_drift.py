@@ -168,7 +168,7 @@ def _step_errors(
     gyro = [row[X1] for row in box]
     held = [h**2 / 12 * row[TORQUE] * inverse for row, inverse in zip(box, system.inverse_inertia, strict=True)]
     jerk = [_jerk(system, case, box, disturbance, i) for i in range(3)]
-    unseen = [m * inverse for m, inverse in zip(disturbance.unseen, system.inverse_inertia, strict=True)]
+    unseen = _over_inertia(system, disturbance.unseen)
     # c and c' within a sample
     c = [held[i] + h**3 / 12 * jerk[i] + h**2 / 3 * unseen[i] for i in range(3)]
     c_rate = _norm([h**2 / 8 * jerk[i] + h / 2 * unseen[i] for i in range(3)])
@@ -190,6 +190,11 @@ def _step_errors(
     length = _norm(body)
     random = _noise_error(system, noise, size, _norm(gyro) + c_rate) + 4 * h * noise.mean * length
     return held, [round_up(value + random) for value in tilted]
+
+
+def _over_inertia(system: LoopSystem, moments: Sequence[Fraction]) -> Three:
+    """Return the accelerations of moments."""
+    return [moment * inverse for moment, inverse in zip(moments, system.inverse_inertia, strict=True)]
 
 
 def _kinematic_error(
