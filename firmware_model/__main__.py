@@ -9,28 +9,28 @@ import gc
 if __name__ == "__main__":  # what is imported stays: to look for garbage in it takes a sixth of the start
     gc.disable()
 
-import argparse
 import json
 import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from socket import socket
-from typing import Any
+from typing import Any, Literal
 
 from pydantic_core import to_jsonable_python
 
 from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.files import parse_json, read_json, read_text
-from firmware_model.config.scenario import Scenario, list_scenarios, load_scenario
-from firmware_model.config.validation import Parser, printable
-from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.validation import printable
+from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.process import access, realtime, status_line, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
+from firmware_model.process.words import read_words
 from firmware_model.recording.journal import JournalWriter, record_type
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
@@ -44,33 +44,68 @@ _EXIT_STATUS: dict[VehicleOutcome | None, int] = {VehicleOutcome.DONE: 0, Vehicl
 _EXIT_FAILED = 3
 
 
-def main(arguments: Sequence[str] | None = None, *, program: str = "firmware_model") -> int:
-    """Run the vehicle until it is interrupted or its scenario has ended; return the exit status.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleOptions:
+    """Options of the simulated vehicle; `gustproof autopilot --help` tells what each does."""
 
-    `program` is the name at the start of help and errors.
-    """
-    options = _make_parser(program).parse_args(arguments)
+    scenario: str | None = None
+    """Script to fly, a name or a file; `None` for an interactive vehicle."""
+    air: str | None = None
+    """Scenario that gives wind and moments to an interactive vehicle."""
+    held: bool = False
+    """True for the test stand."""
+    vehicle: str = "paper"
+    """Name or file."""
+    seed: int = 1
+    """Seed of gusts and noise."""
+    lockstep: bool = False
+    """True to fly as fast as samples are answered."""
+    instance: int = 0
+    """Number that is added to all ports."""
+    bind_port: int | None = None
+    """Port of this side, 0 for a free one."""
+    bind: str = access.LOOPBACK
+    """Local address to listen on."""
+    signing_key: Path | None = None
+    """File with the key that signs every message."""
+    unsigned: bool = False
+    """True to accept commands from anyone, without a key."""
+    journal: Path | None = None
+    """New file for the records of the flight."""
+    metadata: Path | None = None
+    """JSON file with the metadata for the journal's header, by a parent process."""
+    tlog: Path | None = None
+    """New telemetry log."""
+    exit_on_stdin_eof: bool = False
+    """True if a parent process holds the standard input open for as long as the flight shall last."""
+    autopilot: Literal["px4", "generic"] = "px4"
+    """Dialect of MAVLink."""
+    params: bool = False
+    """True to print all parameters, and end."""
+    json: bool = False
+    """True to print JSON, one object a line."""
+
+
+def main(words: Sequence[str]) -> int:
+    """Run the vehicle with the options in `words`; return the exit status."""
     try:
-        _check_options(options)
-        return _run(options)
+        return run(read_words(VehicleOptions, words))
     except (ConfigError, RecordingError) as error:
-        print(f"{program}: {printable(str(error))}", file=sys.stderr)
+        print(f"firmware_model: {printable(str(error))}", file=sys.stderr)
         return 2 if isinstance(error, ConfigError) else _EXIT_FAILED
 
 
-def _check_options(options: argparse.Namespace) -> None:
-    for name, (least, most) in _RANGES.items():
-        if not least <= (value := getattr(options, name)) <= most:
-            raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
-    if not _is_interactive(options) and (options.held or options.air):
-        raise ConfigError("--held and --air need a vehicle without --scenario and --lockstep")
+def run(options: VehicleOptions) -> int:
+    """Run the vehicle until it is interrupted or its scenario has ended; return the exit status.
 
-
-def _is_interactive(options: argparse.Namespace) -> bool:
-    return options.scenario is None and not options.lockstep
-
-
-def _run(options: argparse.Namespace) -> int:
+    Raises
+    ------
+    ConfigError
+        If an option or a file is wrong.
+    RecordingError
+        If the recording can't be written.
+    """
+    _check_options(options)
     interactive, generic = _is_interactive(options), options.autopilot == "generic"
     scenario, vehicle = _load(options)
     if options.params:
@@ -79,13 +114,25 @@ def _run(options: argparse.Namespace) -> int:
     return _fly(options, scenario, vehicle, interactive=interactive, generic=generic)
 
 
-def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, interactive: bool, generic: bool) -> int:
+def _check_options(options: VehicleOptions) -> None:
+    for name, (least, most) in _RANGES.items():
+        if not least <= (value := getattr(options, name)) <= most:
+            raise ConfigError(f"--{name} is {value}, must be {least} to {most}")
+    if not _is_interactive(options) and (options.held or options.air):
+        raise ConfigError("--held and --air need a vehicle without --scenario and --lockstep")
+
+
+def _is_interactive(options: VehicleOptions) -> bool:
+    return options.scenario is None and not options.lockstep
+
+
+def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, interactive: bool, generic: bool) -> int:
     with ExitStack() as stack:
         host, _ = udp.resolve(options.bind, 0)
-        signing = access.make_signing(options, host)
+        signing = access.make_signing(host, options.signing_key, unsigned=options.unsigned)
         ports, remote_ports = _choose_ports(options)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
-        journal = _open_journal(stack, options, scenario, vehicle) if options.journal else None
+        journal = _open_journal(stack, options, scenario, vehicle)
         endpoint = VehicleEndpoint(
             vehicle,
             scenario,
@@ -111,7 +158,7 @@ def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle, *, i
         if options.exit_on_stdin_eof:
             exit_on_stdin_eof(endpoint.interrupt)
         fifo = not options.lockstep and realtime.request_fifo_scheduling()
-        _serve(_open_tlog(stack, options, endpoint) if options.tlog else endpoint, sockets, lockstep=options.lockstep)
+        _serve(_open_tlog(stack, options, endpoint), sockets, lockstep=options.lockstep)
     facts = summarize(endpoint, None if interactive else scenario.samples, fifo=fifo)
     _print_facts(options, facts, status_line.format_summary(facts))
     return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED)
@@ -122,7 +169,7 @@ def _tell_compiling(*, silent: bool) -> None:
         print("compiling, once after an installation", file=sys.stderr, flush=True)
 
 
-def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:
+def _load(options: VehicleOptions) -> tuple[Scenario, Vehicle]:
     name = options.scenario or options.air or "calm"
     scenario = read_json(Scenario, name) or load_scenario(name)
     if _is_interactive(options):
@@ -130,7 +177,7 @@ def _load(options: argparse.Namespace) -> tuple[Scenario, Vehicle]:
     return scenario, read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
 
 
-def _choose_ports(options: argparse.Namespace) -> tuple[list[int], list[int]]:
+def _choose_ports(options: VehicleOptions) -> tuple[list[int], list[int]]:
     """Return the local ports, and the remote ports that receive data unasked."""
     if options.bind_port is not None:
         return [options.bind_port], []
@@ -145,7 +192,7 @@ def _serve(endpoint: udp.Endpoint, sockets: Sequence[socket], *, lockstep: bool)
 
 
 def _announce(
-    options: argparse.Namespace, names: dict[str, Any], sockets: Sequence[socket], remote_ports: Sequence[int]
+    options: VehicleOptions, names: dict[str, Any], sockets: Sequence[socket], remote_ports: Sequence[int]
 ) -> None:
     """Print vehicle, scenario and ports; for users of an interactive vehicle, also how to connect clients."""
     listening = [bound.getsockname()[1] for bound in sockets]
@@ -219,48 +266,20 @@ def _summarize_timing(flight: FlightClock, fifo: bool) -> dict[str, Any]:
     return {**counts, **late, "fifo": fifo}
 
 
-def _make_parser(program: str) -> argparse.ArgumentParser:
-    parser = Parser(
-        prog=program,
-        description="Simulate a multirotor with its autopilot. It speaks MAVLink over UDP like PX4's simulation, but "
-        "is not PX4. Without --scenario it stands on the ground in real time until Ctrl-C. With --scenario it is "
-        "clamped until it is armed and in OFFBOARD, then flies the scenario and exits.",
-        epilog="Exit status: 0 flown in OFFBOARD to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
-    )
-    add = parser.add_argument
-    shipped = f"a .toml file, or one of {', '.join(list_scenarios())}"
-    add("--scenario", help=f"fly this scenario and exit: {shipped}")
-    add("--air", help=f"scenario that gives wind and moments, from its start: {shipped} [calm]")
-    add("--held", action="store_true", help="test stand: hold the vehicle in place, free in attitude while armed")
-    add("--vehicle", default="paper", help=f"a .toml file, or one of {', '.join(list_vehicles())} [paper]")
-    add("--seed", type=int, default=1, help="seed of gusts and noise [1]")
-    add("--lockstep", action="store_true", help="fly the scenario [calm] as fast as its samples are answered")
-    instance = "number N of this vehicle, 0 to 253: added to all ports; the system id is N + 1 [0]"
-    add("--instance", type=int, default=0, help=instance)
-    add("--bind-port", type=int, help="listen on this port only, 0 for a free one [18570 and 14580]")
-    bind = "local address to listen on, 0.0.0.0 for all [%(default)s]"
-    add("--bind", default=access.LOOPBACK, metavar="HOST", help=bind)
-    access.add_options(parser)
-    add("--journal", type=Path, help="new file for the records of the flight")
-    add("--metadata", type=Path, help=argparse.SUPPRESS)  # JSON file with the metadata for the journal's header
-    add("--tlog", type=Path, help="new telemetry log of the MAVLink traffic, a format of ground stations")
-    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
-    add("--autopilot", choices=("px4", "generic"), default="px4", help="MAVLink dialect [%(default)s]")
-    add("--params", action="store_true", help="print all parameters with units, ranges and meanings, and exit")
-    add("--json", action="store_true", help="print JSON, one object a line")
-    return parser
-
-
-def _show_status(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> None:
+def _show_status(stack: ExitStack, options: VehicleOptions, endpoint: VehicleEndpoint) -> None:
     if _is_interactive(options) and not options.json and sys.stderr.isatty():
         stack.enter_context(status_line.show_status_line(lambda: endpoint.links))
 
 
-def _names(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+def _names(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
     return {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
 
 
-def _open_journal(stack: ExitStack, options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> JournalWriter:
+def _open_journal(
+    stack: ExitStack, options: VehicleOptions, scenario: Scenario, vehicle: Vehicle
+) -> JournalWriter | None:
+    if options.journal is None:
+        return None
     header = names = _names(options, scenario, vehicle)
     try:
         if options.metadata:
@@ -275,7 +294,9 @@ def _open_journal(stack: ExitStack, options: argparse.Namespace, scenario: Scena
     return stack.enter_context(writer)
 
 
-def _open_tlog(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleEndpoint) -> udp.Endpoint:
+def _open_tlog(stack: ExitStack, options: VehicleOptions, endpoint: VehicleEndpoint) -> udp.Endpoint:
+    if options.tlog is None:
+        return endpoint
     unix_us, flight = udp.unix_us(), endpoint.flight
 
     def stamp_us(now_us: int) -> int:
@@ -287,7 +308,7 @@ def _open_tlog(stack: ExitStack, options: argparse.Namespace, endpoint: VehicleE
         raise ConfigError(f"{options.tlog}: {error.strerror}") from None
 
 
-def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> None:
+def _print_parameters(options: VehicleOptions, parameters: Parameters) -> None:
     for row in parameters.describe():
         if options.json:
             print(json.dumps(row))
@@ -296,9 +317,9 @@ def _print_parameters(options: argparse.Namespace, parameters: Parameters) -> No
             print(f"{row['name']:<17} {row['type']:<7} {value:<16} {row['allowed']:<16} {row['meaning']}")
 
 
-def _print_facts(options: argparse.Namespace, facts: dict[str, Any], text: str) -> None:
+def _print_facts(options: VehicleOptions, facts: dict[str, Any], text: str) -> None:
     print(json.dumps(facts) if options.json else text, flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from firmware_model.config import events
 from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
-from firmware_model.config.files import Name, list_shipped, read_toml
+from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
@@ -264,6 +264,17 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     60.0
     """
     return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
+
+
+def scenario_path(name_or_path: str | Path) -> Path:
+    """Return the path of a scenario file, or of a shipped one by its name.
+
+    Raises
+    ------
+    ConfigError
+        If none of that name is shipped.
+    """
+    return shipped_path("scenario", name_or_path, SCENARIOS)
 
 
 def list_scenarios() -> tuple[str, ...]:

@@ -1,12 +1,11 @@
 """Text of validation errors: for each, in one line, the key, the given value and what is allowed."""
 
-import argparse
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
-from typing import Any, NoReturn, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 _MAX_ERRORS = 20  # reported one by one
 _MAX_LENGTH = 300  # characters of one
@@ -46,14 +45,6 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
 def none_of(given: str, known: Sequence[str]) -> str:
     """Return the words that refuse a name outside a list: all that are known, and the nearest."""
     return f"'{sanitize_line(given)}' is none of {', '.join(known)}{did_you_mean(given, known)}"
-
-
-class Parser(argparse.ArgumentParser):
-    """Argument parser that prints errors in printable characters only."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the error and exit with status 2."""
-        super().error(printable(message))
 
 
 def format_errors(kind: Any, errors: Sequence[Any]) -> str:

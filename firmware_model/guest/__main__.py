@@ -3,7 +3,6 @@
 It prints one line of JSON when the autopilot is about to start, and one with the facts of the flight at its end.
 """
 
-import argparse
 import contextlib
 import json
 import math
@@ -13,23 +12,23 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.files import parse_json, read_json, read_text
 from firmware_model.config.scenario import Scenario, load_scenario
-from firmware_model.config.validation import Parser, printable
+from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.guest.flight import GuestFlight
-from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
+from firmware_model.guest.guest import Guest, GuestError, GuestOptions, GuestOutcome
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.recorder import ATTITUDE_SUFFIX, EstimateWriter
 from firmware_model.guest.world import World
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.tlog import Tlog
+from firmware_model.process.words import read_words
 from firmware_model.recording.journal import JournalWriter
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
@@ -40,10 +39,10 @@ _MAX_DATAGRAM = 65_535  # bytes
 _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Fly one scenario and return the exit status."""
-    options = _make_parser().parse_args(arguments)
     try:
+        options = read_words(GuestOptions, words)
         scenario = read_json(Scenario, options.scenario) or load_scenario(options.scenario)
         vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
         facts = _fly(options, scenario, vehicle)
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if facts["outcome"] == GuestOutcome.DONE.value else _EXIT_FAILED
 
 
-def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> Guest:
+def make_guest(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> Guest:
     """Return the guest that the command line names, not started.
 
     Raises
@@ -75,7 +74,7 @@ def make_guest(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle
     return make_px4(options, scenario, vehicle)
 
 
-def _fly(options: argparse.Namespace, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
     with ExitStack() as stack:
         guest = make_guest(options, scenario, vehicle)
         stack.callback(guest.close)
@@ -187,25 +186,5 @@ def _pacer() -> Callable[[int], None]:
     return wait
 
 
-def _make_parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="guest", description="Fly a scenario with a real autopilot.")
-    add = parser.add_argument
-    add("--autopilot", required=True, choices=("px4", "ardupilot", "betaflight"), help="autopilot")
-    add("--build", type=Path, help="folder of its build")
-    add("--params", type=Path, help="file of parameters, on top of those that the vehicle file gives")
-    add("--law", default="", help="law inside of it, built into the autopilot")
-    add("--instance", type=int, help="number of the instance, from 0 [a free one]")
-    add("--folder", type=Path, required=True, help="new folder that the autopilot runs in")
-    add("--scenario", required=True)
-    add("--vehicle", required=True)
-    add("--seed", type=int, default=1, help="seed of gusts and noise")
-    add("--real-time", action="store_true", help="at the pace of the clock")
-    add("--journal", type=Path, required=True, help="new file for the records of the flight")
-    add("--metadata", type=Path, help="JSON file with the metadata for the journal's header")
-    add("--tlog", type=Path, help="new telemetry log of the pilot's link")
-    add("--exit-on-stdin-eof", action="store_true")
-    return parser
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -9,7 +9,6 @@ import os
 import socket
 import struct
 import time
-from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +23,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest import betaflight
 from firmware_model.guest.betaflight import MOTORS, STATUS, SticksPilot
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import GuestError, GuestOutcome
+from firmware_model.guest.guest import GuestError, GuestOptions, GuestOutcome
 from firmware_model.guest.readings import Readings
 
 _HOST = "127.0.0.1"
@@ -65,7 +64,7 @@ _OPERATION = (
 )
 
 
-def make_betaflight(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Betaflight":
+def make_betaflight(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Betaflight":
     """Return Betaflight for a flight, not started, and have it flown at the pace of the clock.
 
     Raises

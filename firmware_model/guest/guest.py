@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.errors import ConfigError
@@ -75,6 +75,40 @@ class Dialect(NamedTuple):
     """[-] MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
     law_is_on: str = ""
     """Text that tells of it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class GuestOptions:
+    """Options of a flight of a real autopilot, written by a parent process."""
+
+    autopilot: Literal["px4", "ardupilot", "betaflight"]
+    """Kind of autopilot."""
+    build: Path | None = None
+    """Folder of its build, `None` for the usual places."""
+    params: Path | None = None
+    """File of parameters or the name of a shipped set, on top of those that the vehicle file gives."""
+    law: str = ""
+    """Law inside of it, built into the autopilot."""
+    instance: int | None = None
+    """Number of the instance, from 0; `None` for a free one."""
+    folder: Path
+    """New folder that the autopilot runs in."""
+    scenario: str
+    """Script to fly, a name or a file."""
+    vehicle: str
+    """Name or file."""
+    seed: int = 1
+    """Seed of gusts and noise."""
+    real_time: bool = False
+    """True to fly at the pace of the clock."""
+    journal: Path
+    """New file for the records of the flight."""
+    metadata: Path | None = None
+    """JSON file with the metadata for the journal's header."""
+    tlog: Path | None = None
+    """New telemetry log of the pilot's link."""
+    exit_on_stdin_eof: bool = False
+    """True if a parent process holds the standard input open for as long as the flight shall last."""
 
 
 class Guest(Protocol):

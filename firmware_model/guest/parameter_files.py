@@ -18,7 +18,7 @@ GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{n
 _WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
 
 
-def read_parameters(name_or_path: str, autopilot: str) -> dict[str, str]:
+def read_parameters(name_or_path: str | Path, autopilot: str) -> dict[str, str]:
     """Return the values by name of a parameter file, or of a shipped set, as they stand there.
 
     A line holds a name and a value, apart by spaces, tabs, a comma or an equals sign. Lines of QGroundControl, with

@@ -7,7 +7,6 @@ until PX4 arms. The thread that arms it does not wait for the sample, so that it
 import os
 import socket
 import time
-from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import Dialect, GuestError, GuestOutcome, candidate_places, check_rate
+from firmware_model.guest.guest import Dialect, GuestError, GuestOptions, GuestOutcome, candidate_places, check_rate
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4 import SimulatorLink
@@ -40,6 +39,8 @@ _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
 _BOOTED = b"Startup script returned"
 _RECEIVE = 4096  # bytes
+_BANDWIDTH_HZ = 125.0  # of a sample
+_GYRO_NOISE_LEAST = 0.001  # [rad/s] of a sample: PX4's counts
 
 # Not of the vehicle: no sticks, no ground station, no log, no battery that runs down, and no timers of wall time.
 _OPERATION = {
@@ -57,11 +58,12 @@ _OPERATION = {
     "EKF2_MULTI_MAG": "0",
     "SENS_IMU_MODE": "1",
     "SENS_MAG_MODE": "1",
+    "EKF2_MAG_NOISE": "0.01",  # its least; our compass has a fiftieth
 }
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
 
 
-def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
+def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     """Return PX4 for a flight, not started.
 
     Raises
@@ -71,7 +73,9 @@ def make_px4(options: Namespace, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     """
     check_rate("px4", Px4.name, scenario)
     extra = read_parameters(options.params, "px4") if options.params else {}
-    values = {**px4_parameters(vehicle), **_OPERATION, **extra}
+    # By its default PX4 would trust the compass less than this gyro's drift, and its heading would wander by .1 deg.
+    noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
+    values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
     px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
     px4.names = tuple(extra)
     if options.law:
@@ -231,10 +235,9 @@ class Px4:
                 self._server, self.instance = server, instance
                 return
             server.close()
-        which = "of all instances" if self._wanted is None else f"of instance {self._wanted}"
-        raise GuestError(
-            GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: TCP {_SIMULATOR}, UDP {_PILOT}"
-        )
+        which = f"of instance {self._wanted}" if self._wanted is not None else "of all instances, the first's"
+        ports = f"TCP {_SIMULATOR + (self._wanted or 0)}, UDP {_PILOT + (self._wanted or 0)}"
+        raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
 
     def _accept(self) -> None:
         """Wait for PX4's connection and its heartbeat."""

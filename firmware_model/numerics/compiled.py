@@ -12,13 +12,44 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import intrinsic, overload, register_jitable
 
 _CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+
+def _compile_part(typing: Any, target: Any, _: Any, *rest: Any) -> Any:
+    """Return numba's compiler for a kernel, whose code counts only in the entry points that inline it.
+
+    Numba would optimise the code of each kernel, with all that it inlines, and then make machine code of it. That is
+    half of the time to compile.
+    """
+    return Compiler(typing, target, _Part(target.codegen(), "kernel"), *rest)
+
+
+_Part: Any = type(
+    "_Part",
+    (JITCodeLibrary,),
+    {
+        "_optimize_final_module": lambda _: None,
+        "_finalize_final_module": lambda self: setattr(self, "_finalized", True),
+        "get_pointer_to_function": lambda *_: 0,
+        # without machine code, there is no place for the Python environment either
+        "codegen": property(lambda self: self),
+        "set_env": lambda *_: None,
+    },
+)
+
 # Wrappers for calls from Python would take 40 % of the time to compile.
-_OPTIONS = {"forceinline": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_OPTIONS = {
+    "forceinline": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": _compile_part,
+}
 INLINED: dict[str, Any] = {"jit_options": _OPTIONS, "strict": False}
 """Options of `overload` for a function that is inlined into the entry point that uses it."""
 

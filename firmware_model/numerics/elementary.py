@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.numerics.compiled import kernel
+from firmware_model.numerics.packing import is_outside, list_outside
 
 Array = NDArray[np.float64]
 BLOCK = 32
@@ -28,6 +29,7 @@ Words = tuple[Word, Word, Word, Word]
 
 _U32 = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
+# The tails are outside 0.075..0.925, told by the bits, which grow with a positive number: the fastest test.
 _LEAST = int(np.float64(0.075).view(np.int64))
 _BREADTH = int(np.float64(0.925).view(np.int64)) - _LEAST
 
@@ -110,22 +112,19 @@ def inverse_normal(u: float) -> float:
     M. J. Wichura, Algorithm AS 241: The percentage points of the normal distribution, Applied Statistics 37, 1988,
     PPND16, without its far tail, which 32-bit uniforms never reach.
     """
-    return _tail_quantile(u) if _is_tail(u) else _central_quantile(u)
+    return _tail_quantile(u) if is_outside(u, _LEAST, _BREADTH) else _central_quantile(u)
 
 
 @kernel
-def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np.int64]) -> None:
+def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np.int32]) -> None:
     """Write the `inverse_normal` of each number in `u` to `quantiles`.
 
     `indices` is scratch of the size of `u`, `tail` is `BLOCK` longer. One number in seven lies in the tails. Those are
     packed side by side, because SIMD that followed both paths for every number would take twice the time.
     """
-    count = 0
     for i in range(u.size):
         quantiles[i] = _central_quantile(u[i])
-    for i in range(u.size):
-        indices[count] = i
-        count += _is_tail(u[i])
+    count = list_outside(u, _LEAST, _BREADTH, indices)
     for i in range(count):
         tail[i] = u[indices[i]]
     for i in range(BLOCK):
@@ -135,12 +134,6 @@ def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np
             tail[i] = _tail_quantile(tail[i])
     for i in range(count):
         quantiles[indices[i]] = tail[i]
-
-
-@kernel
-def _is_tail(u: float) -> bool:
-    """Return whether `u` is outside 0.075..0.925, by its bits, which grow with a positive number: the fastest test."""
-    return bool(np.uint64(np.float64(u).view(np.int64) - _LEAST) > np.uint64(_BREADTH))
 
 
 @kernel

@@ -246,7 +246,7 @@ def _make_sum(width: int) -> Callable[..., Any]:
                 factor = builder.load(builder.gep(term, [builder.add(at, ir.Constant(t.type, 1))]))
                 start = builder.gep(row, [builder.mul(number, ir.Constant(t.type, width))])
                 numbers = builder.load(builder.bitcast(start, vector.as_pointer()), align=_NUMBER)
-                product = builder.fmul(_spread(builder, factor, vector), numbers)
+                product = builder.fmul(spread(builder, factor, vector), numbers)
                 builder.store(builder.fadd(builder.load(added), product), added)
             builder.store(builder.load(added), builder.bitcast(target, vector.as_pointer()), align=_NUMBER)
             return context.get_dummy_value()
@@ -274,8 +274,8 @@ def _make_move(count: int) -> Callable[..., Any]:
     return copy
 
 
-def _spread(builder: Any, value: Any, vector: Any) -> Any:
-    """Return a vector of equal numbers."""
+def spread(builder: Any, value: Any, vector: Any) -> Any:
+    """Return a vector of equal numbers, in LLVM's instructions."""
     unset, zero = ir.Constant(vector, ir.Undefined), ir.Constant(ir.IntType(32), 0)
     first = builder.insert_element(unset, value, zero)
     return builder.shuffle_vector(first, unset, ir.Constant(ir.VectorType(zero.type, vector.count), None))

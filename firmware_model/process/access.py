@@ -4,7 +4,6 @@ Loopback is trusted: any program on this machine may command. Any other address 
 --unsigned.
 """
 
-import argparse
 from pathlib import Path
 
 from firmware_model.errors import ConfigError
@@ -15,32 +14,24 @@ LOOPBACK = "127.0.0.1"
 """Default address of a process."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add --signing-key and --unsigned, which exclude each other."""
-    either = parser.add_mutually_exclusive_group()
-    either.add_argument(
-        "--signing-key",
-        type=Path,
-        metavar="FILE",
-        help="sign every message and reject those without this key: 32 bytes or 64 hex digits, readable by you alone",
-    )
-    either.add_argument(
-        "--unsigned", action="store_true", help="accept commands from anyone on the network, without a key"
-    )
-
-
-def make_signing(options: argparse.Namespace, host: str, *, strict: bool = False) -> Signing | None:
+def make_signing(
+    host: str, signing_key: Path | None = None, *, unsigned: bool = False, strict: bool = False
+) -> Signing | None:
     """Return the signing of messages, `None` without a key; `strict` rejects even an unsigned HEARTBEAT.
+
+    `signing_key` is a file of 32 bytes or 64 hex digits.
 
     Raises
     ------
     ConfigError
-        If the key can't be used, or there is none and `host` is not loopback.
+        If the key can't be used, or is given with `unsigned`, or there is neither and `host` is not loopback.
     """
-    if options.signing_key is not None:
-        key, start_us = read_key(options.signing_key), udp.unix_us()
+    if signing_key is not None:
+        if unsigned:
+            raise ConfigError("--signing-key and --unsigned exclude each other")
+        key, start_us = read_key(signing_key), udp.unix_us()
         return Signing(key, start_us, frozenset()) if strict else Signing(key, start_us)
-    if not (options.unsigned or udp.is_loopback(host)):
+    if not (unsigned or udp.is_loopback(host)):
         raise ConfigError(
             f"{host} is beyond this machine: give --signing-key FILE, or --unsigned to accept commands from anyone"
         )

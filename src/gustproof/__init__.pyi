@@ -20,6 +20,7 @@ from gustproof.campaign.plan import select_spreads as select_spreads
 from gustproof.campaign.runner import fly_campaign as fly_campaign
 from gustproof.campaign.sampling import Sampling as Sampling
 from gustproof.campaign.statistics import compute_statistics as compute_statistics
+from gustproof.certify.air_box import certify_chance as certify_chance
 from gustproof.certify.boundedness import FlightCertificate as FlightCertificate
 from gustproof.certify.boundedness import certify_boundedness as certify_boundedness
 from gustproof.certify.certificate import Certificate as Certificate

@@ -22,7 +22,7 @@ def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArra
     array = np.array(value, dtype=np.float64, order="C")
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise ValueError(f"{name} has a number that is not finite")
     array.flags.writeable = False
     return array

@@ -214,10 +214,19 @@ class Browser:
             self.complaints.append(json.dumps(params))
 
 
+@pytest.fixture
+def browser(_browser: Browser) -> Iterator[Browser]:
+    """Yield a browser; without one the test is skipped, and counted.
+
+    Its page is left, as one that replays a flight would take a tenth of a core until the last test.
+    """
+    yield _browser
+    _browser.open("about:blank")
+
+
 @pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Yield a browser; without one the test is skipped, and counted."""
-    program = shutil.which("chromium")
+def _browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if program is None:
         pytest.skip("chromium is not installed")
     started = Browser(program, tmp_path_factory.mktemp("chromium"))

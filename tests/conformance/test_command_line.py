@@ -1,6 +1,7 @@
 """Commands as a shell runs them: `fly` ended from outside, and the checkup of this installation."""
 
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -43,13 +44,23 @@ def end_by(process: subprocess.Popen[str], number: signal.Signals) -> tuple[str,
     return output, errors
 
 
+def spent_by_ended_s() -> float:
+    """Return the time that processes which have ended took of the CPU [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
     tmp_path: Path, number: signal.Signals
 ) -> None:
-    process = start(tmp_path, duration_s=3600.0)
+    ended_s = spent_by_ended_s()
+    process = start(tmp_path, duration_s=86_400.0)
+    tree = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+    spent_s = sum(sum(each.cpu_times()[:2]) for each in tree)
     output, errors = end_by(process, number)
     assert process.returncode == 130
+    assert spent_by_ended_s() - ended_s - spent_s < 5.0  # of CPU, so that the end does not wait for work
     assert errors.strip().splitlines() == ["gustproof: interrupted; the recording so far is in run"]
     told = json.loads(output)
     _, records = read_bag(tmp_path / told["bag"])

@@ -24,7 +24,7 @@ from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly
 
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
-MINUTES = replace(load_scenario("paper"), duration_s=300.0)
+MINUTE = replace(load_scenario("paper"), duration_s=60.0)
 
 
 def children() -> list[psutil.Process]:
@@ -66,10 +66,10 @@ def _no_process_is_left_behind() -> Iterator[None]:
 
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
-    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTES)
+    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTE)
     assert flight.outcome is FlightOutcome.CONTROLLER_LOST
     assert "fail-safe" in flight.message
-    assert len(flight.records) == MINUTES.samples
+    assert len(flight.records) == MINUTE.samples
     modes = flight.records["mode"]
     assert (modes[0], modes[-1]) == (Mode.OFFBOARD.value, Mode.STABILIZED.value)
 
@@ -84,16 +84,7 @@ def test_killed_autopilot_is_named_and_its_journal_is_readable(tmp_path, number)
     assert len(records) == len(flight.records)
 
 
-def test_ctrl_c_ends_both_processes_and_keeps_what_was_flown(tmp_path):
-    def interrupt() -> None:
-        raise KeyboardInterrupt
-
-    flight = fly_and(interrupt, tmp_path)
-    assert flight.outcome is FlightOutcome.INTERRUPTED
-    assert len(flight.records) > 0
-
-
-def test_processes_in_lockstep_share_a_core_that_they_are_allowed(tmp_path):
+def test_ctrl_c_ends_both_processes_which_share_an_allowed_core_and_keeps_what_was_flown(tmp_path):
     allowed = set(psutil.Process().cpu_affinity())
     cores: list[tuple[int, ...]] = []
 
@@ -102,7 +93,9 @@ def test_processes_in_lockstep_share_a_core_that_they_are_allowed(tmp_path):
         cores.extend(tuple(process.cpu_affinity()) for process in flying)
         raise KeyboardInterrupt
 
-    fly_and(look_and_interrupt, tmp_path)
+    flight = fly_and(look_and_interrupt, tmp_path)
+    assert flight.outcome is FlightOutcome.INTERRUPTED
+    assert len(flight.records) > 0
     ((core,),) = set(cores)
     assert core in allowed
     assert set(psutil.Process().cpu_affinity()) == allowed
@@ -111,13 +104,13 @@ def test_processes_in_lockstep_share_a_core_that_they_are_allowed(tmp_path):
 def test_law_of_another_rate_is_refused_before_anything_starts(tmp_path):
     law = replace(load_law("hinf-d1"), dt=0.01)
     with pytest.raises(ConfigError, match=r"steps every 0\.01 s"):
-        fly(MINUTES, law, vehicle=load_vehicle("paper"), out=tmp_path)
+        fly(MINUTE, law, vehicle=load_vehicle("paper"), out=tmp_path)
 
 
 def test_journal_is_never_overwritten(tmp_path):
     (tmp_path / "paper-hinf-d1-seed1.journal").touch()
     with pytest.raises(ConfigError, match="exists already"):
-        fly(MINUTES, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path)
+        fly(MINUTE, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=tmp_path)
 
 
 @contextmanager

@@ -196,10 +196,11 @@ def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_land
     assert "landed: disarmed" in pilot.texts
 
 
-@pytest.mark.parametrize("name", ["flagship", "hinf-scheduled", "aided"])
-def test_law_that_takes_over_a_leaning_vehicle_levels_it(name):
+@contextmanager
+def hovering(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], Pilot]]:
+    """Start a vehicle, and take off."""
     with (
-        process("firmware_model", "--bind-port", "0", "--air", "gust-front") as vehicle,
+        process("firmware_model", "--bind-port", "0", *arguments) as vehicle,
         socket.socket(type=socket.SOCK_DGRAM) as link,
     ):
         link.settimeout(0.05)
@@ -207,26 +208,33 @@ def test_law_that_takes_over_a_leaning_vehicle_levels_it(name):
         pilot = Pilot(link, port)
         pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
-        pilot.until(lambda: pilot.mode == Mode.HOLD.value and pilot.roll_deg < -5.0, "HOLD leans into the wind")
-        with process("gustproof.controller", "--law", name, "--connect", f"127.0.0.1:{port}") as law:
-            pilot.until(lambda: f"{name} in control" in pilot.texts, "the law takes the vehicle")
-            pilot.until(lambda: abs(pilot.roll_deg) < 2.0, "the law levels it")
-            assert last_words(law)["outcome"] == "interrupted"
+        pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
+        yield vehicle, pilot
+
+
+def test_laws_that_take_over_a_leaning_vehicle_level_it():
+    with hovering("--air", "gust-front") as (vehicle, pilot):
+        for name in ("flagship", "hinf-scheduled", "aided"):
+            pilot.set_mode(*HOLD)
+            pilot.until(lambda: pilot.mode == Mode.HOLD.value and pilot.roll_deg < -5.0, "HOLD leans into the wind")
+            address = f"127.0.0.1:{pilot.vehicle[1]}"
+            with process("gustproof.controller", "--law", name, "--connect", address) as law:
+                pilot.until(lambda name=name: f"{name} in control" in pilot.texts, "the law takes the vehicle")
+                pilot.until(lambda: abs(pilot.roll_deg) < 2.0, "the law levels it")
+                assert last_words(law)["outcome"] == "interrupted"
         last_words(vehicle)
 
 
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
-def test_law_that_hangs_or_dies_leaves_the_vehicle_to_its_fail_safe(number):
-    with process("firmware_model", "--bind-port", "0") as vehicle, socket.socket(type=socket.SOCK_DGRAM) as link:
-        link.settimeout(0.05)
-        (port,) = json.loads(vehicle.stdout.readline())["listening"]
-        pilot = Pilot(link, port)
-        pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
-        pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
-        with process("gustproof.controller", "--law", "hinf-d1", "--connect", f"127.0.0.1:{port}") as law:
-            pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
-            law.send_signal(number)
-            pilot.until(lambda: pilot.mode == Mode.STABILIZED.value, "fail-safe")
-            assert "set-points lost: failsafe STABILIZED" in pilot.texts
+def test_law_that_hangs_or_dies_leaves_the_vehicle_to_its_fail_safe():
+    with hovering() as (vehicle, pilot):
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            pilot.set_mode(*HOLD)
+            pilot.until(lambda: pilot.mode == Mode.HOLD.value, "HOLD")
+            pilot.texts.clear()
+            address = f"127.0.0.1:{pilot.vehicle[1]}"
+            with process("gustproof.controller", "--law", "hinf-d1", "--connect", address) as law:
+                pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
+                law.send_signal(number)
+                pilot.until(lambda: pilot.mode == Mode.STABILIZED.value, "fail-safe")
+                assert "set-points lost: failsafe STABILIZED" in pilot.texts
         assert last_words(vehicle)["outcome"] == "interrupted"

@@ -243,6 +243,7 @@ def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
         assert count_records(journal) == stands
         click(browser, "pause")
         until(lambda: count_records(journal) > stands + 500, "the flight goes on")
+        click(browser, "pause")
         assert_clean(browser, flight.page)
         vehicle_process().terminate()
         flown = flight.flown()

@@ -26,6 +26,9 @@ def load_simulator(name: str, build: Path | None = None) -> Simulator:
         return load_rotorpy()
     if name == "ardupilot":
         return ArduPilotQuad(build)
+    if name == "px4":
+        why = "has no wind, and nothing outside of it can command its rotors or choose its state"
+        raise ConfigError(f"audit px4: its own simulator, SIH, {why}: no test of the audit can be run")
     path = Path(name)
     if path.suffix != ".py":
         raise ConfigError(f"audit '{name}': must be own, rotorpy, ardupilot or a Python file with make_simulator()")

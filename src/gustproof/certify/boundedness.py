@@ -5,6 +5,7 @@ The producer grows a box until it maps into itself. What the box proves is said 
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,10 +13,21 @@ from typing import Any
 
 from firmware_model.config.files import read_text, write_text
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
-from gustproof.certify.check.estimate_box import Box, Case, is_rate_unlimited, is_within_limits, map_box
+from gustproof.certify.check.estimate_box import Box, Case, is_rate_unlimited, is_within_limits
 from gustproof.certify.check.evidence import FORMAT, check_certificate, seal
-from gustproof.certify.check.flight_box import KIND, Claim, MomentClass, make_case, read_claim, spread_system
-from gustproof.certify.check.kernel_norms import LONGEST, AxisNorms, axis_norms
+from gustproof.certify.check.flight_box import (
+    KIND,
+    Claim,
+    MomentClass,
+    Norms,
+    count_signals,
+    flight_norms,
+    make_case,
+    map_flight,
+    read_claim,
+    spread_system,
+)
+from gustproof.certify.check.kernel_norms import LONGEST
 from gustproof.certify.check.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import law_path, load_law
 
@@ -31,6 +43,8 @@ _MIN_PART = Fraction(1, 1 << 14)
 """[-] part of the moment below which the search gives up."""
 _INERTIA_CELLS, _LAG_CELLS = 24, 32
 """Cells that cover spreads of inertia and lag; more of them cost time and tighten the box."""
+_LEVELLED_SAMPLES = 32_768
+"""The same for a law that reads tilt: more of them tighten the box."""
 _FIRST_SAMPLES = 512
 """Simulated samples of the norms, doubled until the tail is bounded."""
 
@@ -55,8 +69,11 @@ class FlightCertificate:
     """[-] certified part of the moment, at most 1; `None` without a proof."""
     estimate_deg: list[float] | None
     """[deg] bounds of the law's own phi, theta, psi for ever."""
-    truth_deg: list[float] | None
-    """[deg] bounds of the true phi, theta, psi within the horizon; `None` if there are none."""
+    truth_deg: list[float | None] | None
+    """[deg] bounds of the true phi, theta, psi within the horizon; `None` if there are none.
+
+    Of a law that reads tilt those of phi and theta hold for ever, and psi has none.
+    """
     moment_class: MomentClass
     """Class of the moment between samples, on which the bounds of the truth rest."""
     assumes: dict[str, Any]
@@ -95,7 +112,8 @@ def certify_boundedness(
     Parameters
     ----------
     law
-        Name of a shipped law or a law file: torque or rates from gyros, each axis by itself.
+        Name of a shipped law or a law file: torque or rates from gyros, each axis by itself. A law of torque may read
+        tilt from the accelerometer too: its box is proved without noise and spreads.
     vehicle
         Name of a shipped vehicle or a vehicle file, nominal; its gyro noise is ignored, see `noise`.
     moment
@@ -153,7 +171,7 @@ def certify_boundedness(
     try:
         claim = read_claim({**evidence, "box": [[0.0]] * 3})
         system = spread_system(read_system(law_text, vehicle_text), claim)
-        samples, norms = _norms(system)
+        samples, norms = find_norms(system)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
     part, box = _largest_part(system, claim, norms)
@@ -185,7 +203,7 @@ def certify_boundedness(
     )
 
 
-def _norms(system: LoopSystem) -> tuple[int, list[AxisNorms]]:
+def find_norms(system: LoopSystem) -> tuple[int, Norms]:
     """Return the least power of two of samples that bounds the tails, and the norms.
 
     Raises
@@ -193,20 +211,20 @@ def _norms(system: LoopSystem) -> tuple[int, list[AxisNorms]]:
     Refusal
         If the loop is unstable or too slow.
     """
-    samples = _FIRST_SAMPLES
+    samples = _FIRST_SAMPLES if system.tilt is None else _LEVELLED_SAMPLES
     while True:
         try:
-            return samples, [axis_norms(system, axis, samples) for axis in range(3)]
+            return samples, flight_norms(system, samples)
         except Refusal:
             samples *= 2
             if samples > LONGEST:
                 raise
 
 
-def _largest_part(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> tuple[Fraction, Box]:
+def _largest_part(system: LoopSystem, claim: Claim, norms: Norms) -> tuple[Fraction, Box]:
     """Return the largest part of the moment, at most 1, whose box closes, and the box; an empty one if none does."""
     case = make_case(system, claim)
-    nothing = [[Fraction(0)] * (norms[0].excess.shape[1] + 1) for _ in range(3)]
+    nothing = [[Fraction(0)] * count_signals(norms) for _ in range(3)]
     whole = _grow_box(system, norms, case, nothing)
     if whole:
         return Fraction(1), whole
@@ -223,15 +241,19 @@ def _largest_part(system: LoopSystem, claim: Claim, norms: list[AxisNorms]) -> t
     return low, best
 
 
-def _grow_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> Box:
-    """Grow `box` until it closes and return it; an empty box if it does not settle within the limits.
+def _grow_box(system: LoopSystem, norms: Norms, case: Case, box: Box) -> Box:
+    return grow_box(system, case, box, lambda kept: map_flight(system, norms, case, kept))
+
+
+def grow_box(system: LoopSystem, case: Case, box: Box, follow: Callable[[Box], Box]) -> Box:
+    """Grow `box` until what follows of it lies inside and return it; an empty box if it does not settle.
 
     The map is convex and grows with the box: once the steps lengthen, they lengthen for good.
     """
     sizes = [sum(map(sum, box))]
     for _ in range(_ROUNDS):
         try:
-            follows = map_box(system, norms, case, box)
+            follows = follow(box)
         except ValueError:  # an angle is above 1 rad; later rounds only add to it
             return []
         kept = all(is_within_limits(system, row, axis) for axis, row in enumerate(box))

@@ -30,8 +30,6 @@ from gustproof.cli.tune import tune
 from gustproof.cli.worst_case import worst_case
 from gustproof.version import __version__
 
-PASS_THROUGH = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
-
 app = typer.Typer(
     name="gustproof",
     cls=OneLineErrors,
@@ -94,5 +92,5 @@ app.command()(analyse)
 app.command()(judge)
 app.command()(audit)
 app.command()(export)
-app.command(context_settings=PASS_THROUGH)(autopilot)
-app.command(context_settings=PASS_THROUGH)(controller)
+app.command()(autopilot)
+app.command()(controller)

@@ -14,6 +14,7 @@ from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
+    COMPILING,
     Anyway,
     AsJson,
     AutopilotName,
@@ -273,6 +274,7 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
     from gustproof.campaign.growth import grow_campaign
     from gustproof.campaign.reader import read_campaign
     from gustproof.campaign.runner import fly_campaign
+    from gustproof.simulate.batch import is_cold
 
     known = output if output.exists() else None
     if known is not None:
@@ -285,21 +287,31 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
         why = f"{plan.scenario.name} has link, mode or controller events"
         _print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
     title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
+    begun = COMPILING * is_cold(plan.scenario)
+
+    def describe(flown: int) -> str:
+        return f"{title}: {flown:,} runs" if flown or not begun else f"{title}{begun}"
+
     try:
         with (
-            progress(f"starting workers, {title}", quiet=quiet) as shown,
+            progress(_start(executor, title), quiet=quiet) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
         ):
             fly_campaign(
                 plan,
                 output,
                 pool,
-                progress=lambda flown, of: shown(flown / max(of, 1), f"{title}: {plan.runs - of + flown:,} runs"),
+                progress=lambda flown, of: shown(flown / max(of, 1), describe(plan.runs - of + flown)),
                 known=known,
             )
     except KeyboardInterrupt:
         line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
+
+
+def _start(executor: str | None, title: str) -> str:
+    """Return what is done before the first run."""
+    return f"connecting to {executor}, {title}" if executor else f"starting workers, {title}"
 
 
 def _estimate_rare(
@@ -320,14 +332,18 @@ def _estimate_rare(
     from gustproof.campaign.rare import estimate_rare, make_rare_case
     from gustproof.report.campaign import render_rare
     from gustproof.report.terminal import show
+    from gustproof.simulate.batch import is_cold
 
     title = f"{plan.scenario.name}, {event.text}"
     try:
         with (
-            progress(f"starting workers, {title}", quiet=as_json) as shown,
+            progress(_start(executor, title), quiet=as_json) as shown,
             dask_pool(executor) if executor else process_pool(workers or count_cores()) as pool,
         ):
-            found = estimate_rare(plan, event, pool, progress=lambda share: shown(share, title))
+            begun = COMPILING * is_cold(plan.scenario)
+            found = estimate_rare(
+                plan, event, pool, progress=lambda share: shown(share, title if share else title + begun)
+            )
     except KeyboardInterrupt:
         raise exit_with("interrupted; nothing is kept", ExitStatus.INTERRUPTED) from None
     files, line = [], ""

@@ -20,10 +20,14 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from gustproof.certify.boundedness import FlightCertificate
     from gustproof.certify.certificate import Certificate
     from gustproof.certify.check.evidence import CheckResult
     from gustproof.certify.gain.parts import Delay, Part
+    from gustproof.law.form import Law
+    from gustproof.lti.rational import RationalMatrix
     from gustproof.lti.state_space import LinearSystem
     from gustproof.model.interconnection import Interconnection
     from gustproof.model.lft import Uncertain
@@ -53,6 +57,10 @@ _ASSUMPTIONS = {
     "delay_s": "delay [s]",
     "noise_probability": "risk from noise",
     "noise_period_s": "risk counts over [s]",
+    "wind_20ft_m_s": "wind at 20 ft [m/s]",
+    "airspeed_m_s": "it passes at [m/s]",
+    "altitude_m": "altitude [m]",
+    "gust_scale": "factor on gusts",
 }
 """Label of each assumption on a terminal; others keep their key."""
 _UNBOUNDED = {"horizon_s": "unlimited", "delay_samples": "none"}
@@ -68,6 +76,8 @@ class _Loop(NamedTuple):
     """[1/s] speeds of its normalised parameters, if bounded."""
     parts: "dict[str, Part]"
     """Parts of the command's path, by name."""
+    radius: "dict[str, RationalMatrix] | None"
+    """Distances of its numbers from those without rounding, of a law file's; `None` for a design's."""
 
 
 def certify(
@@ -121,7 +131,11 @@ def certify(
         ),
     ] = 1e-3,
     air: Annotated[
-        str | None, typer.Option(help="Predict the box for the turbulence of this scenario: a name or a .toml file.")
+        str | None,
+        typer.Option(
+            help="Prove the box for the turbulence of this scenario, a name or a .toml file. With --check: that of a"
+            " certificate."
+        ),
     ] = None,
     inertia_spread: Annotated[
         float, typer.Option(help="Flight: every constant inertia within this share, such as 0.2.")
@@ -166,13 +180,16 @@ def certify(
     A law without an envelope is proved to fly within a box: its file, sampled and one sample late, on the nonlinear
     vehicle without leak. Two statements are made. The law's own attitude, its rates and commands stay in the box for
     ever, under any moment within --moment. The true attitude leaves that of a strapdown law by at most a drift, which
-    grows with the horizon: a gyro does not observe attitude. Nothing is assumed of the motion. The part is the
-    certified share of the moment, at most 1. --check derives the loop again from the law and vehicle files. Of a gain,
-    given the design and its envelope, it proves the gain of the loop derived again, and of all within its rounding. It
-    flies the lower bound again.
+    grows with the horizon: a gyro does not observe attitude. Of a law that reads the accelerometer the true roll and
+    pitch stay in a box for ever, and the heading has no bound. That is without noise and spreads. Nothing is assumed of
+    the motion. The part is the certified share of the moment, at most 1. --check derives the loop again from the law
+    and vehicle files. Of a gain, given the design and its envelope, it proves the gain of the loop derived again, and
+    of all within its rounding. It flies the lower bound again.
 
-    With --air nothing is proved. A linear Gaussian model predicts the box that the true attitude leaves with --risk at
-    most, in the scenario's turbulence and gyro noise, over its duration. Tails are summed over all samples and axes.
+    With --air the box is that of the scenario's turbulence and gyro noise, which the true attitude leaves over its
+    duration with --risk at most. The linear part is Gaussian, with tails summed over all samples and axes; the rest is
+    bounded. It is proved of a strapdown law of torque. Of others a linear Gaussian model predicts it, and the output
+    says so.
 
     The output lists the assumptions of each statement. Exit status: 0 proven, or predicted with --air, 1 not proven, 2
     bad input.
@@ -191,7 +208,7 @@ def certify(
 
         gustproof certify flagship --horizon inf --noise 0.0036 --risk 1e-3
 
-        gustproof certify flagship --air paper-turbulence --risk 1e-3
+        gustproof certify flagship --air paper-turbulence --risk 1e-3 -o chance.json
 
         gustproof certify my-lpv.json --angle-rad 0.3 --rate-rad-s 0.5
 
@@ -199,10 +216,14 @@ def certify(
 
         gustproof certify hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 --check certificate.json
 
+        gustproof certify my-lpv.json --angle-rad 0.3 --rate-rad-s 0.5 --check certificate.json
+
         gustproof certify --check flight.json --law flagship --vehicle paper
+
+        gustproof certify --check chance.json --law flagship --vehicle paper --air paper-turbulence
     """
-    if air is not None:
-        _predict(context, name, vehicle or "paper", air, risk, as_json=as_json)
+    if air is not None and check_file is None:
+        _bound_chance(context, name, vehicle or "paper", air, risk, output, as_json=as_json)
         return
     envelope = _parse_envelope(angle, rate)
     gain: dict[str, Any] = {"leak": leak, "exact_rho": exact_rho, "slow": slow}
@@ -213,8 +234,8 @@ def certify(
         derived = None
         with working(f"checking {check_file}", quiet=as_json):
             if name is not None and envelope is not None:
-                derived = _derive_loop(_find_design(name), vehicle, *envelope, **gain)
-            status = _check(check_file, law, None if name else vehicle, derived, as_json=as_json)
+                derived = _derive_loop(name, vehicle, *envelope, **gain)
+            status = _check(check_file, law, None if name else vehicle, air, derived, as_json=as_json)
         raise typer.Exit(status.value)
     if name is None or law is not None:
         raise ConfigError(_USAGE)
@@ -245,31 +266,64 @@ def certify(
     raise typer.Exit((ExitStatus.DONE if certificate.proven else ExitStatus.REQUIREMENT_FAILED).value)
 
 
-def _predict(context: typer.Context, name: str | None, vehicle: str, air: str, risk: float, *, as_json: bool) -> None:
-    """Print the box that the linear Gaussian model predicts."""
-    from firmware_model.config.scenario import load_scenario
-    from firmware_model.config.vehicle import load_vehicle
-    from gustproof.law.form import load_law
-    from gustproof.performance.chance import attitude_box
+def _bound_chance(
+    context: typer.Context,
+    name: str | None,
+    vehicle: str,
+    air: str,
+    risk: float,
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Print the box that is proved for the air, or the one that the linear Gaussian model predicts, and why."""
+    from gustproof.certify.air_box import certify_chance
 
-    meant = {"name", "vehicle", "air", "risk", "as_json"}
+    meant = {"name", "vehicle", "air", "risk", "output", "as_json"}
     refuse_given(
         context, sorted(set(context.params) - meant), "--air takes all but law, vehicle and risk from its file"
     )
     if name is None:
         raise ConfigError(_USAGE)
+    check_output(output, ".json", "a certificate")
+    with working(f"proving a box for {name}", quiet=as_json):
+        try:
+            found = certify_chance(name, vehicle, air, risk)
+            reason = found.statement
+        except ValueError as error:
+            found, reason = None, str(error)
+    if found is None or found.truth_deg is None:
+        _predict(name, vehicle, air, risk, reason, as_json=as_json)
+        return
+    if output is not None:
+        found.save(output)
+    if as_json:
+        figures: dict[str, Any] = {"attitude_deg": found.truth_deg, "estimate_deg": found.estimate_deg, "risk": risk}
+        figures |= {"horizon_s": found.assumes["horizon_s"], "air": air}
+        print_json({"proven": True, **figures, "assumes": found.assumes, "statement": found.statement})
+        return
+    _show(name, found, output, as_json=False)
+
+
+def _predict(name: str, vehicle: str, air: str, risk: float, reason: str, *, as_json: bool) -> None:
+    """Print the box that the linear Gaussian model predicts, and the reason why none is proved."""
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.law.form import load_law
+    from gustproof.performance.chance import attitude_box
+
     try:
-        with working(f"predicting a box for {name}", quiet=as_json):
-            found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
+        found = attitude_box(load_law(name), load_vehicle(vehicle), load_scenario(air), risk)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     if as_json:
         figures = {"attitude_deg": found.attitude_deg, "risk": found.risk, "horizon_s": found.horizon_s, "air": air}
-        print_json({"proven": False, **figures, "assumes": found.assumes})
+        print_json({"proven": False, **figures, "assumes": found.assumes, "statement": reason})
         return
     angles = ", ".join(f"{math.ceil(1e3 * angle) / 1e3:g}" for angle in found.attitude_deg)
     claim = f"|phi|, |theta|, |psi| stay below {angles} deg for {found.horizon_s:g} s of {air}"
     say(f"{name}: predicted, not proven: {claim} with probability {1.0 - found.risk:.9g} or more")
+    say(f"no proof: {reason}")
     _show_assumptions(found.assumes)
 
 
@@ -287,8 +341,6 @@ def _find_design(name: str) -> "Design":
     from gustproof.law.form import list_laws
     from gustproof.synthesis.designs import list_designs, load_design
 
-    if name.endswith(".json"):
-        raise ConfigError("--check takes the certificate of a law file's gain alone: it holds its loop")
     if name not in list_laws():
         return load_design(name)
     made_from = {design.law: design for design in map(load_design, list_designs())}
@@ -305,21 +357,21 @@ def _has_gain(design: "Design") -> bool:
     return design.rate_loop_lag is None and design.W_l is None and design.W_r is None
 
 
-def _scheduled_law(name: str) -> "tuple[Design, Uncertain]":
-    """Return the design of a scheduled law's file, and its continuous controller."""
+def _scheduled_law(name: str) -> "tuple[Design, Law]":
+    """Return the design of a scheduled law's file, and the law."""
     from gustproof.law.form import load_law
-    from gustproof.law.schedule import continuous_controller
+    from gustproof.law.schedule import sampled_controller
     from gustproof.synthesis.designs import list_designs, load_design
 
     law = load_law(name)
     design = law.provenance.design.split(":")[0]
     try:
-        controller = continuous_controller(law)
+        sampled_controller(law)
         if design not in list_designs():
             raise ValueError(f"law '{law.name}' was made from no shipped design, and a gain needs the weights of one")
     except ValueError as error:
         raise ConfigError(f"{name}: {error}; give the design") from None
-    return load_design(design), controller
+    return load_design(design), law
 
 
 def _certify_gain(
@@ -337,8 +389,7 @@ def _certify_gain(
 ) -> "Certificate":
     from gustproof.certify.gain.l2_gain import certify_gain
 
-    design, scheduled = _scheduled_law(name) if name.endswith(".json") else (_find_design(name), None)
-    problem, controller = _design_loop(design, scheduled, vehicle, leak)
+    design, problem, controller = _named_loop(name, vehicle, leak)
     delay = _parse_delay(delay_ms)
     try:
         return certify_gain(
@@ -367,25 +418,26 @@ def _parse_delay(delay_ms: float | None) -> "Delay | None":
         raise ConfigError(f"--delay-ms: {error}") from None
 
 
-def _design_loop(
-    design: "Design", scheduled: "Uncertain | None", vehicle: str | None, leak: float | None
-) -> "tuple[Interconnection, LinearSystem | Uncertain]":
-    """Return a design's problem, with another leak if given, and its controller or the `scheduled` one."""
+def _named_loop(
+    name: str, vehicle: str | None, leak: float | None
+) -> "tuple[Design, Interconnection, LinearSystem | Law]":
+    """Return a design, its problem, with another leak if given, and its controller; or a scheduled law and its own."""
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.synthesis.derive import derive
     from gustproof.synthesis.designs import design_problem
 
+    design, law = _scheduled_law(name) if name.endswith(".json") else (_find_design(name), None)
     airframe = load_vehicle(vehicle or design.vehicle)
     if leak is not None and not 0.0 < leak < math.inf:
         raise ConfigError(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
     problem = design_problem(design if leak is None else replace(design, leak=leak), airframe)
-    return problem, derive(design, airframe)[1].result.controller if scheduled is None else scheduled
+    return design, problem, derive(design, airframe)[1].result.controller if law is None else law
 
 
 def _derive_loop(
-    design: "Design",
+    name: str,
     vehicle: str | None,
     angle: float,
     rate: float,
@@ -396,18 +448,19 @@ def _derive_loop(
     delay_ms: float | None,
     saturation: float | None,
 ) -> "_Loop":
-    """Return the loop that a certificate of a design is about."""
-    from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds
+    """Return the loop that a certificate of a design or of a scheduled law is about."""
+    from gustproof.certify.gain.l2_gain import attitude_loop, command_parts, envelope_speeds, law_rounding
     from gustproof.model.rotational import Envelope
 
-    problem, controller = _design_loop(design, None, vehicle, leak)
+    design, problem, controller = _named_loop(name, vehicle, leak)
     delay, scheduled = _parse_delay(delay_ms), exact_rho or design.scheduled
     try:
         envelope = Envelope(angle=angle, rate=rate)
         loop = attitude_loop(problem, controller, envelope, scheduled=scheduled, delay=delay, saturation=saturation)
+        radius = law_rounding(problem, controller, envelope, loop, delay=delay, saturation=saturation)
         kept = design.leak if leak is None else leak
         speeds = envelope_speeds(angle, rate, leak=kept) if slow else None
-        return _Loop(loop, speeds, command_parts(delay, saturation))
+        return _Loop(loop, speeds, command_parts(delay, saturation), radius)
     except ValueError as error:
         raise ConfigError(f"design {design.name}: {error}") from None
 
@@ -452,32 +505,44 @@ def _check(
     path: Path,
     law: str | None,
     vehicle: str | None,
+    air: str | None,
     derived: "_Loop | None",
     *,
     as_json: bool,
 ) -> ExitStatus:
     """Print the verdict on a certificate; that of a gain is about the `derived` loop, if given, which flies again."""
     from firmware_model.config.files import parse_json, read_text
+    from firmware_model.config.scenario import scenario_path
     from firmware_model.config.vehicle import vehicle_path
     from gustproof.certify.check.evidence import FORMAT, check_certificate
     from gustproof.certify.gain.l2_gain import derived_loop, lower_bound
     from gustproof.law.form import law_path
 
+    if derived is not None and air is not None:
+        raise ConfigError("--check of a gain takes no --air")
     try:
         text = read_text(path)
         claimed = parse_json(text)
-        law_text = None if law is None else read_text(law_path(law))
-        vehicle_text = None if vehicle is None else read_text(vehicle_path(vehicle))
+        law_text = _read_given(law, law_path)
+        vehicle_text = _read_given(vehicle, vehicle_path)
+        air_text = _read_given(air, scenario_path)
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
         raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
     loop = None if derived is None else derived_loop(*derived)
-    verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, loop=loop)
+    verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, scenario=air_text, loop=loop)
     if verdict.accepted and derived is not None:
-        verdict = _weigh(verdict, lower_bound(*derived))
+        verdict = _weigh(verdict, lower_bound(*derived[:3]))
     _show_verdict(verdict, as_json=as_json)
     return ExitStatus.DONE if verdict.accepted else ExitStatus.REQUIREMENT_FAILED
+
+
+def _read_given(name: str | None, find: "Callable[[str], Path]") -> str | None:
+    """Return the text of a file that `find` finds by its name; `None` without one."""
+    from firmware_model.config.files import read_text
+
+    return None if name is None else read_text(find(name))
 
 
 def _weigh(verdict: "CheckResult", reached: float) -> "CheckResult":

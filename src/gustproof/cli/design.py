@@ -20,6 +20,7 @@ from gustproof.cli.options import (
     print_json,
     progress,
     refuse_given,
+    working,
 )
 from gustproof.report.figure_style import SUFFIXES, FigureStyle
 
@@ -185,7 +186,7 @@ def design(
         law.save(output)
         figure = figure or output.with_suffix(".png")
     if figure is not None:
-        with figures_as(style, data=data):
+        with working(f"drawing {figure}", quiet=as_json), figures_as(style, data=data):
             save_design_figure(report, figure)
     if as_json:
         print_json({**report.to_dict(), "method": method.value})

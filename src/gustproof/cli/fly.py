@@ -14,6 +14,7 @@ from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.laws import LAW_HELP, default_law, find_law
 from gustproof.cli.options import (
+    COMPILING,
     SEED,
     Anyway,
     AsJson,
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 _TABLE_OPTIONS = (*_AUTOPILOT_OPTIONS, "autopilot", "controller", "free", "vehicle", "seed", "real_time")
 _BAG_OPTIONS = (*_TABLE_OPTIONS, "scenario", "law", "run")
-_COMPILING = ": compiling the simulator, once after an installation"
 _Comparison = tuple[bool | None, str]
 """True if all bits are equal, `None` if they cannot be compared; the result in words."""
 
@@ -296,7 +296,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", 
     if not quiet:
         _print_warnings(plan)
     title = f"{plan.scenario.name}, {_pilot_name(plan)}"
-    with progress(f"{title}{_COMPILING * is_cold()}", quiet=quiet) as shown:
+    with progress(f"{title}{COMPILING * is_cold()}", quiet=quiet) as shown:
         options: dict[str, Any] = {"tlog": tlog, "progress": lambda x: shown(x, title)}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)

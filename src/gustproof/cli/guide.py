@@ -70,24 +70,7 @@ def options_page(root: Any) -> str:
     from gustproof.guide.reference import command_options
 
     commands = dict(_iter_commands(root.command, "gustproof"))
-    return command_options(commands, lambda name, command: type(root)(command, info_name=name), _process_helps())
-
-
-def _process_helps() -> dict[str, str]:
-    """Return the help texts of the commands that parse their own options, by full name."""
-    from contextlib import redirect_stdout, suppress
-    from io import StringIO
-
-    from firmware_model.__main__ import main as autopilot
-    from gustproof.controller.__main__ import main as controller
-
-    texts = {}
-    for name, main in (("autopilot", autopilot), ("controller", controller)):
-        shown = StringIO()
-        with redirect_stdout(shown), suppress(SystemExit):
-            main(["--help"])
-        texts[f"gustproof {name}"] = shown.getvalue()
-    return texts
+    return command_options(commands, lambda name, command: type(root)(command, info_name=name))
 
 
 def _iter_commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -74,12 +74,12 @@ def identify(
     )
     if like is not None:
         load_vehicle(like)  # refused before the work, not after it
-    flight = _crop(read_log(log), begin, end)
-    title = f"identify {flight.source}"
-    with progress(title, quiet=as_json) as shown:
+    title = f"identify {log}"
+    with progress(f"reading {log}", quiet=as_json) as shown:
+        flight = _crop(read_log(log), begin, end)
         found = identified(flight, progress=lambda share: shown(share, title))
-    vehicle, air, findings = _complete(flight, found, known, outputs)
-    _write(found, vehicle, air, findings, outputs)
+        vehicle, air, findings = _complete(flight, found, known, outputs)
+        _write(found, vehicle, air, findings, outputs)
     if as_json:
         from gustproof.report.vehicle_numbers import identification_document
 

@@ -7,6 +7,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
+from gustproof.cli.laws import PARAMETER_SUFFIXES
 from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def judge(
     vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
     law, step, remarks = _read(gains, vehicles.nominal)
     is_autopilot = autopilot_kind(law) is not None
-    check_output(better, *((".params", "a parameter file") if is_autopilot else (".json", "a law")), new=True)
+    check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")), new=True)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from firmware_model.config.vehicle import Vehicle
     from gustproof.law.form import Law
 
+PARAMETER_SUFFIXES = (".params", ".param", ".parm")
+"""Ends of the names of autopilots' parameter files."""
 LAW_HELP = (
     "Name of a shipped law, a .json or .mat file, or a folder of tables. Parameters of PX4 or ArduPilot (.params, "
     ".param) mean that autopilot's own loops."
@@ -20,7 +22,7 @@ LAW_HELP = (
 
 def is_parameter_file(name_or_path: str) -> bool:
     """Return whether a name is that of an autopilot's parameter file."""
-    return Path(name_or_path).suffix in (".params", ".param", ".parm")
+    return Path(name_or_path).suffix in PARAMETER_SUFFIXES
 
 
 def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law":

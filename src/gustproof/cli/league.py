@@ -8,7 +8,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import AsJson, check_output, print_json, progress
+from gustproof.cli.options import COMPILING, AsJson, check_output, print_json, progress, working
 
 
 def league(
@@ -67,6 +67,7 @@ def league(
     from gustproof.report.html.league_page import write_league_page
     from gustproof.report.league import render_league, write_csv, write_latex
     from gustproof.report.terminal import show
+    from gustproof.simulate.batch import is_cold
 
     for path, suffix, kind in ((output, ".html", "a page"), (csv, ".csv", "a table"), (latex, ".tex", "a table")):
         check_output(path, suffix, kind)
@@ -79,16 +80,18 @@ def league(
         salt=_choose_salt(salt, folder, draw=draw_salt),
     )
     _announce(plan.salt, folder, quiet=as_json)
+    begun = COMPILING * any(map(is_cold, plan.scenarios))
     try:
         with (
             process_pool(workers or count_cores()) as pool,
-            progress(f"{len(plan.entrants)} entries", quiet=as_json) as shown,
+            progress(f"{len(plan.entrants)} entries{begun}", quiet=as_json) as shown,
         ):
             found = fly_league(plan, folder, pool, progress=shown)
     except KeyboardInterrupt:
         line = f"interrupted; finished results are in {folder}, and the same command resumes from there"
         raise exit_with(line, ExitStatus.INTERRUPTED) from None
-    write_league_page(found, output, reveal=reveal)
+    with working(f"writing {output}", quiet=as_json):
+        write_league_page(found, output, reveal=reveal)
     if csv is not None:
         write_atomic(csv, write_csv(found))
     if latex is not None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
 
+COMPILING = ": compiling the simulator, once after an installation"
+"""End of a line of progress while machine code is made."""
 _FIRST_LINE_S, _NEXT_LINES_S = 2.0, 10.0  # between lines that say what goes on, where there is no terminal
 _SHIPPED = {  # the packages whose folders hold the names of each kind; read without loading what they hold
     "law": ("gustproof.law", "data"),

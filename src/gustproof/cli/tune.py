@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gustproof.cli.laws import PARAMETER_SUFFIXES
 from gustproof.cli.options import (
     AsJson,
     FigureData,
@@ -90,9 +91,7 @@ def tune(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
 
-    check_output(
-        output, ".json" if autopilot is None else ".params", "a law file" if autopilot is None else "a parameter file"
-    )
+    check_output(output, *((".json", "a law file") if autopilot is None else (PARAMETER_SUFFIXES, "a parameter file")))
     check_output(figure, SUFFIXES, "a figure")
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if autopilot is None:

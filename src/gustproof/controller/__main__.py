@@ -5,28 +5,31 @@ import gc
 if __name__ == "__main__":  # what is imported stays: to look for garbage in it takes a sixth of the start
     gc.disable()
 
-import argparse
 import json
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Literal
 
 from firmware_model.config.files import read_json
 from firmware_model.config.scenario import Scenario, load_scenario
-from firmware_model.config.validation import Parser, printable
+from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.process import realtime
+from firmware_model.process import access, realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
+from firmware_model.process.words import read_words
 from gustproof.controller import DEFAULT_LAW, connection
 from gustproof.controller.core import Flown
 from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.entries.entry import parse_entry
 from gustproof.entries.stepper import CheckedStepper, make_stepper
-from gustproof.law.form import Law, Output, list_laws, load_law
+from gustproof.law.form import Law, Output, load_law
 from gustproof.law.step import LawStepper, is_cold
 
 _EXIT = {
@@ -40,28 +43,72 @@ _DEFAULT_DT = 0.004
 """[s] sample time of an object of Python without scenario."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the controller until the flight has ended; return the exit status."""
-    options = _parser().parse_args(arguments)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControllerOptions:
+    """Options of the controller; `gustproof controller --help` tells what each does."""
+
+    law: str = DEFAULT_LAW
+    """Name or file of the law."""
+    controller: str | None = None
+    """Source of a controller that is flown instead."""
+    vehicle: str = "paper"
+    """Nominal vehicle that a controller's maker gets, a name or a file."""
+    via: Literal["torque", "rates"] | None = None
+    """Message for the command; `None` for the law's output."""
+    connect: str = "127.0.0.1:14580"
+    """Address of the autopilot."""
+    bind_port: int | None = None
+    """Port of this side, 0 for a free one."""
+    signing_key: Path | None = None
+    """File with the key that signs every message."""
+    unsigned: bool = False
+    """True to accept commands from anyone, without a key."""
+    height: Literal["hold", "free"] = "hold"
+    """Thrust beside rates, once a pilot has flown."""
+    attitude: Literal["autopilot", "own"] = "autopilot"
+    """Attitude of a law with an estimate, once a pilot has flown."""
+    scenario: str | None = None
+    """Script with the references to hold; `None` for level."""
+    real_time: bool = False
+    """True to request real-time scheduling."""
+    exit_on_stdin_eof: bool = False
+    """True if a parent process holds the standard input open for as long as the flight shall last."""
+    json: bool = False
+    """True to print JSON, one object a line."""
+
+
+def main(words: Sequence[str]) -> int:
+    """Run the controller with the options in `words`; return the exit status."""
     try:
-        with _prints_apart(options):
-            law = _make_entry(options) if options.controller else load_law(options.law)
-        if options.via is not None and Output(options.via) is not law.output:
-            raise ConfigError(f"law '{law.name}' commands {law.output.value}, it can't fly via {options.via}")
-        return _fly(law, options)
+        return run(read_words(ControllerOptions, words))
     except ConfigError as error:
-        print(f"gustproof controller: {printable(str(error))}", file=sys.stderr)
+        _report(str(error))
         return 2
 
 
-def _make_entry(options: argparse.Namespace) -> CheckedStepper:
+def run(options: ControllerOptions) -> int:
+    """Run the controller until the flight has ended; return the exit status.
+
+    Raises
+    ------
+    ConfigError
+        If an option or a file is wrong.
+    """
+    with _prints_apart(options):
+        law = _make_entry(options.controller, options) if options.controller else load_law(options.law)
+    if options.via is not None and Output(options.via) is not law.output:
+        raise ConfigError(f"law '{law.name}' commands {law.output.value}, it can't fly via {options.via}")
+    return _fly(law, options)
+
+
+def _make_entry(source: str, options: ControllerOptions) -> CheckedStepper:
     """Make the controller of a user's file, at the rate of the scenario."""
     script, vehicle = _read_scenario(options), read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
-    return make_stepper(parse_entry(options.controller), vehicle, _DEFAULT_DT if script is None else script.dt)
+    return make_stepper(parse_entry(source), vehicle, _DEFAULT_DT if script is None else script.dt)
 
 
 @contextmanager
-def _prints_apart(options: argparse.Namespace) -> Iterator[None]:
+def _prints_apart(options: ControllerOptions) -> Iterator[None]:
     """Write what a user's controller prints to a file that is removed, if a parent reads the output of this process.
 
     Nobody reads a pipe in flight: a full one would stop the controller.
@@ -83,12 +130,12 @@ def _prints_apart(options: argparse.Namespace) -> Iterator[None]:
                 os.close(own)
 
 
-def _read_scenario(options: argparse.Namespace) -> Scenario | None:
+def _read_scenario(options: ControllerOptions) -> Scenario | None:
     name = options.scenario
     return read_json(Scenario, name) or load_scenario(name) if name else None
 
 
-def _fly(law: Flown, options: argparse.Namespace) -> int:
+def _fly(law: Flown, options: ControllerOptions) -> int:
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
     if options.connect != "-":
         connection.parse_target(options.connect)  # refused before anything is compiled
@@ -100,9 +147,17 @@ def _fly(law: Flown, options: argparse.Namespace) -> int:
     script = _read_scenario(options)
     references = () if script is None else script.references
     target = connection.parse_target(options.connect)
-    signing = connection.make_signing(options, target)
-    flown = {"hold_height": options.height == "hold", "correct_attitude": options.attitude == "autopilot"}
-    endpoint = ControllerEndpoint(law, (0, target.address), signing, references, report, **flown)
+    key, unsigned = options.signing_key, options.unsigned
+    signing = access.make_signing(target.address[0], key, unsigned=unsigned, strict=True)
+    endpoint = ControllerEndpoint(
+        law,
+        (0, target.address),
+        signing,
+        references,
+        report,
+        hold_height=options.height == "hold",
+        correct_attitude=options.attitude == "autopilot",
+    )
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: endpoint.interrupt())
     if options.exit_on_stdin_eof:
@@ -134,44 +189,5 @@ def _report(text: str) -> None:
     print(f"gustproof controller: {printable(text)}", file=sys.stderr, flush=True)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="gustproof controller",
-        description="Fly a law: find the autopilot, read its limits, answer every sample. A vehicle that waits for its "
-        "script is armed and flown in OFFBOARD to the end. If a pilot is flying, take over once; yield on any mode "
-        "change, and fly again when OFFBOARD, or GUIDED of ArduPilot, is set. Ctrl-C hands back to HOLD, or BRAKE.",
-        epilog="Exit status: 0 flown to the end, 2 bad input, 3 the flight broke off, 130 interrupted.",
-    )
-    add = parser.add_argument
-    names = ", ".join(list_laws())
-    add("--law", default=DEFAULT_LAW, help=f"a .json file, or one of {names} [%(default)s, for the vehicle 'paper']")
-    add("--controller", help="fly a controller of your own instead: FILE.py:MAKER, PACKAGE.MODULE:MAKER or LIBRARY.so")
-    add(
-        "--vehicle",
-        default="paper",
-        help="vehicle that its maker gets, a file or the name of a shipped one [%(default)s]",
-    )
-    add("--via", choices=[output.value for output in Output], help="command message [the law's output]")
-    connection.add_options(parser)
-    add(
-        "--height",
-        choices=["hold", "free"],
-        default="hold",
-        help="thrust beside rates, when a pilot has flown: hold the height, or send the hover thrust [%(default)s]",
-    )
-    add(
-        "--attitude",
-        choices=["autopilot", "own"],
-        default="autopilot",
-        help="attitude of a law with an estimate, when a pilot has flown: corrected by ATTITUDE, or its own "
-        "[%(default)s]",
-    )
-    add("--scenario", help="file with the attitude references to hold [level]")
-    add("--real-time", action="store_true", help="request real-time scheduling (SCHED_FIFO); not for lockstep")
-    add("--exit-on-stdin-eof", action="store_true", help=argparse.SUPPRESS)
-    add("--json", action="store_true", help="print JSON, one object a line")
-    return parser
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

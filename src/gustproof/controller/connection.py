@@ -1,6 +1,5 @@
 """Link of a controller to its autopilot: `--connect` by UDP, as a peer or listening, or by TCP."""
 
-import argparse
 import socket
 import sys
 import time
@@ -13,7 +12,6 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Frame, parse
 from firmware_model.mavlink.messages import AUTOPILOT
-from firmware_model.mavlink.signing import Signing
 from firmware_model.process import access, tcp, udp
 from gustproof.controller.endpoint import ControllerEndpoint
 
@@ -53,17 +51,6 @@ def parse_target(text: str) -> Target:
     if not (host and not set(host) & set("/:") and port.isdecimal() and 0 < int(port) < 65536):
         raise ConfigError(f"--connect is '{text}', must be [udp:|udpin:|tcp:]HOST:PORT, as 127.0.0.1:14580")
     return Target(kind, udp.resolve(host, int(port)), text != "-")
-
-
-def make_signing(options: argparse.Namespace, target: Target) -> Signing | None:
-    """Return the signing of messages, `None` without a key; then not even a HEARTBEAT may be unsigned.
-
-    Raises
-    ------
-    ConfigError
-        If the key can't be used, or there is none and the target is not loopback.
-    """
-    return access.make_signing(options, target.address[0], strict=True)
 
 
 def serve(endpoint: ControllerEndpoint, target: Target, bind_port: int | None, report: Callable[[str], None]) -> None:
@@ -118,19 +105,3 @@ def _await_autopilot(endpoint: ControllerEndpoint, bound: socket.socket) -> tupl
 
 def _is_autopilot(frame: Frame) -> bool:
     return frame.message_id == wire.MAVLINK_MSG_ID_HEARTBEAT and frame.component == AUTOPILOT
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add --connect, --bind-port and the options of access control."""
-    parser.add_argument(
-        "--connect",
-        default="127.0.0.1:14580",
-        help="[udp:]HOST:PORT of the autopilot, udpin:HOST:PORT to listen there, tcp:HOST:PORT; - reads it from stdin "
-        "[%(default)s]",
-    )
-    parser.add_argument(
-        "--bind-port",
-        type=int,
-        help="port to send from, 0 for a free one [14540 + N for PX4's simulation at 14580 + N, else free]",
-    )
-    access.add_options(parser)

@@ -1,6 +1,5 @@
 """Flight that excites an autopilot's rate loop, axis by axis, over MAVLink, and records commands and rates."""
 
-import argparse
 import math
 import signal
 from collections.abc import Callable
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from firmware_model.process import access
 from firmware_model.types import ImuSample, Vector
 from gustproof.controller import connection
 from gustproof.controller.core import References
@@ -61,12 +61,11 @@ def fly_excitation(
         If the flight does not begin, or ends early.
     """
     target = connection.parse_target(connect)
-    access = argparse.Namespace(signing_key=signing_key, unsigned=unsigned)
     recorder = _Recorder()
     endpoint = ControllerEndpoint(
         _excitation_law(),
         (0, target.address),
-        connection.make_signing(access, target),
+        access.make_signing(target.address[0], signing_key, unsigned=unsigned, strict=True),
         _excitation(),
         report,
         hold_height=True,

@@ -154,7 +154,8 @@ def _draw_tuning(vehicle: Vehicle, path: Path) -> None:
 
 def _draw_box(records: Records, path: Path) -> None:
     """Draw the attitude in the worst moment found within the box that is proved for a minute of any moment."""
-    bounds = certify_boundedness(_OURS, "paper", moment=_BUDGET_NM, horizon=_MINUTE_S).truth_deg or ()
+    truth = certify_boundedness(_OURS, "paper", moment=_BUDGET_NM, horizon=_MINUTE_S).truth_deg or ()
+    bounds = [bound for bound in truth if bound is not None]
     figure, panels = _new_panels(3)
     kept = records[records["time_us"] <= _MINUTE_S * 1e6]
     angles = angle_records(kept, None)["euler"]

@@ -273,11 +273,10 @@ def _docstring(text: str) -> str:
     return "\n\n".join(part for part in shown if part) + "\n"
 
 
-def command_options(commands: Mapping[str, Any], context: Callable[[str, Any], Any], helps: Mapping[str, str]) -> str:
+def command_options(commands: Mapping[str, Any], context: Callable[[str, Any], Any]) -> str:
     """Return the reference of the command line from its click commands, by their full names.
 
-    `context` makes the click context of a command by its name. `helps` has the texts of those that parse their own
-    options.
+    `context` makes the click context of a command by its name.
     """
     parts = [
         "# Options of every command\n\nThe same text as `--help` of each command. Exit statuses and the purpose of "
@@ -287,9 +286,7 @@ def command_options(commands: Mapping[str, Any], context: Callable[[str, Any], A
         usage = command.get_usage(context(name, command)).removeprefix("Usage: ")
         rows = [_option_row(parameter) for parameter in command.params if not getattr(parameter, "hidden", False)]
         parts.append(f"## {name}\n\n```console\n{' '.join(usage.split())}\n```\n\n{_help_text(command.help or '')}\n")
-        if name in helps:
-            parts.append(f"```text\n{helps[name].strip()}\n```\n")
-        elif rows:
+        if rows:
             parts.append(markdown_table(("option", "default", "meaning"), rows))
     return "\n".join(parts)
 

@@ -56,6 +56,20 @@ def continuous_controller(law: Law) -> Uncertain:
     DesignError
         If it has a pole at -1: no continuous controller is sampled to it.
     """
+    sampled, blocks = sampled_controller(law)
+    return Uncertain(M=continuous_origin(sampled), blocks=blocks)
+
+
+def sampled_controller(law: Law) -> tuple[Lti, tuple[RealBlock, ...]]:
+    """Return the sampled system from parameters and gyro (3,) to parameters and command (3,), and its parameters.
+
+    Its numbers are those of the law.
+
+    Raises
+    ------
+    ValueError
+        If the law has no schedule, also exact kinematics, a reference or an accelerometer.
+    """
     schedule = law.schedule
     if schedule is None:
         raise ValueError(f"law '{law.name}' has no schedule")
@@ -76,7 +90,7 @@ def continuous_controller(law: Law) -> Uncertain:
         D=np.block([[schedule.L[np.ix_(order, order)], schedule.K[order, :3]], [schedule.P[:, order], law.D[:, :3]]]),
         dt=law.dt,
     )
-    return Uncertain(M=continuous_origin(sampled), blocks=tuple(blocks))
+    return sampled, tuple(blocks)
 
 
 def _share(name: str, value: float, limit: float) -> float:

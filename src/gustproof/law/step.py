@@ -78,10 +78,10 @@ def sparse_law(law: Law) -> SparseLaw:
         filled.append(terms + [(float(n + ZERO), 0.0)] * (-len(terms) % TERM_BLOCK if terms else TERM_BLOCK))
     ends = np.cumsum([len(terms) for terms in filled])
     every = np.array([term for terms in filled for term in terms])
-    # Copied, as a law's own are read-only and the default is not: kernels would be compiled for each of the two.
-    rates = own.limits.copy()
+    # Copied, as some of a law are read-only and some are not: kernels would be compiled for each of the two.
+    limits, rates, attitude = law.limits.copy(), own.limits.copy(), law.attitude_limits.copy()
     kind = bool(np.any(law.G)), law.uses_accelerometer
-    return SparseLaw(ends, every, *kind, law.limits, rates, law.attitude_limits, _rows_of_schedule(turn, n))
+    return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n))
 
 
 def _rows_of_schedule(schedule: Schedule, n: int) -> Matrix:
@@ -111,9 +111,8 @@ def vector_size(law: SparseLaw, order: int) -> int:
 def no_law() -> SparseLaw:
     """Return the terms of no law, of the types of a law's."""
     unused = np.full(3, np.inf)
-    unused.flags.writeable = False
     ends, schedule = np.zeros(3, dtype=np.int64), np.zeros((0, SCHEDULE_SIZE))
-    return SparseLaw(ends, np.zeros((1, 2)), False, False, unused, unused.copy(), unused, schedule)
+    return SparseLaw(ends, np.zeros((1, 2)), False, False, unused, unused, unused, schedule)
 
 
 @kernel

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.optimize
+from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError
 from gustproof.lti.bilinear import bilinear_transform
@@ -103,7 +104,7 @@ def h2_norm(system: LinearSystem) -> float:
 
 
 def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
-    at_infinity = float(np.linalg.norm(G.D, 2)) if G.D.size else 0.0
+    at_infinity = float(np.linalg.norm(G.D, 2)) if G.D.any() else 0.0
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
@@ -166,15 +167,20 @@ def _raise_lower_bound(G: Lti, best: Peak, omega: Array) -> Peak:
 
 def _crossings(G: Lti, level: float) -> Matrix:
     """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
-    R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
-    S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
-    A = G.A + G.B @ np.linalg.solve(R, G.D.T @ G.C)
     # the factor `level` is split between B and C to give both halves the same size
+    A, B, C = G.A, G.B.T / level, G.C / level
+    if G.D.any():
+        R = level**2 * np.eye(G.n_inputs) - G.D.T @ G.D
+        S = level**2 * np.eye(G.n_outputs) - G.D @ G.D.T
+        A = np.asarray(A + G.B @ np.linalg.solve(R, G.D.T @ G.C), dtype=np.float64)
+        B = np.asarray(level * np.linalg.solve(R, G.B.T), dtype=np.float64)
+        C = np.asarray(level * np.linalg.solve(S, G.C), dtype=np.float64)
     n = G.order
     H = np.empty((2 * n, 2 * n))
-    H[:n, :n], H[:n, n:] = A, level * G.B @ np.linalg.solve(R, G.B.T)
-    H[n:, :n], H[n:, n:] = -level * G.C.T @ np.linalg.solve(S, G.C), -A.T
-    eigenvalues = scipy.linalg.eigvals(H)
-    rounding = 1e-13 * np.max(np.abs(eigenvalues))
-    on_axis = np.abs(eigenvalues.real) <= _AXIS_TOLERANCE * np.abs(eigenvalues) + rounding
-    return np.unique(np.abs(eigenvalues[on_axis].imag))
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, G.B @ B, -G.C.T @ C, -A.T
+    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(H), compute_vl=0, compute_vr=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues of the Hamiltonian did not converge")
+    size = np.hypot(real, imaginary)
+    on_axis = np.abs(real) <= _AXIS_TOLERANCE * size + 1e-13 * np.max(size)
+    return np.unique(np.abs(imaginary[on_axis]))

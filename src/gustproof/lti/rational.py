@@ -81,6 +81,28 @@ def _integers(A: RationalMatrix) -> tuple[list[list[int]], int]:
     return [[value.numerator * (multiple // value.denominator) for value in row] for row in A], multiple
 
 
+def inverse(A: RationalMatrix) -> RationalMatrix:
+    """Return the inverse of a regular matrix, by Gauss and Jordan.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is singular.
+    """
+    n = len(A)
+    rows = [row + unit for row, unit in zip(A, identity(n), strict=True)]
+    for k in range(n):
+        pivot = next((i for i in range(k, n) if rows[i][k]), None)
+        if pivot is None:
+            raise ValueError("the matrix is singular")
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [value / rows[k][k] for value in rows[k]]
+        for i, row in enumerate(rows):
+            if i != k and row[k]:
+                rows[i] = [value - row[k] * own for value, own in zip(row, rows[k], strict=True)]
+    return [row[n:] for row in rows]
+
+
 def is_symmetric(M: RationalMatrix) -> bool:
     """Return whether `M` equals its transpose, exactly."""
     return all(len(row) == len(M) for row in M) and transpose(M) == M

@@ -83,6 +83,6 @@ def _symplectic_scale(H: Matrix) -> Matrix:
     n = H.shape[0] // 2
     off_diagonal = np.abs(H)
     np.fill_diagonal(off_diagonal, 0.0)
-    _, _, _, factors, _ = dgebal(off_diagonal, scale=1)
+    factors = dgebal(off_diagonal, scale=1)[3]
     s: Matrix = np.exp2(np.rint(0.5 * np.log2(factors[n:] / factors[:n])))
     return np.concatenate([s, 1.0 / s])

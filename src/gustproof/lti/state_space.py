@@ -225,16 +225,21 @@ def lft(P: Lti, K: Lti) -> Lti:
         raise ValueError(f"K is {K.n_outputs} x {K.n_inputs}, larger than P, {P.n_outputs} x {P.n_inputs}")
     B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
     D11, D12, D21, D22 = P.D[:p1, :m1], P.D[:p1, m1:], P.D[p1:, :m1], P.D[p1:, m1:]
-    return_difference = np.eye(K.n_outputs) - K.D @ D22
-    if K.n_outputs and np.linalg.cond(return_difference) > 1e12:
-        raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
     # u = E_x x + E_k x_k + E_w w, with the feedthrough loop solved once
-    E = np.linalg.solve(return_difference, np.hstack([K.D @ C2, K.C, K.D @ D21]))
+    E, returned = np.concatenate([K.D @ C2, K.C, K.D @ D21], axis=1), K.D @ D22
+    if returned.any():
+        difference = np.eye(K.n_outputs) - returned
+        if np.linalg.cond(difference) > 1e12:
+            raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
+        E = np.linalg.solve(difference, E)
     n = P.order
     E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
-    A = np.block([[P.A + B2 @ E_x, B2 @ E_k], [K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k]])
-    B = np.vstack([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)])
-    return Lti(A=A, B=B, C=np.hstack([C1 + D12 @ E_x, D12 @ E_k]), D=D11 + D12 @ E_w, dt=P.dt)
+    A = np.empty((n + K.order, n + K.order))
+    A[:n, :n], A[:n, n:] = P.A + B2 @ E_x, B2 @ E_k
+    A[n:, :n], A[n:, n:] = K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k
+    B = np.concatenate([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)])
+    C = np.concatenate([C1 + D12 @ E_x, D12 @ E_k], axis=1)
+    return Lti(A=A, B=B, C=C, D=D11 + D12 @ E_w, dt=P.dt)
 
 
 def discretize_zoh(system: LinearSystem, dt: float) -> Lti:

@@ -12,6 +12,7 @@ from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.fields import NonNegative
 from firmware_model.config.scenario import Angle, NoiseTurn, Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
@@ -108,6 +109,16 @@ def fly_many(scenario: Scenario, law: Law | Entry, cases: Sequence[Case]) -> lis
     return make_batch_simulator(scenario, law)(cases)
 
 
+def is_cold(scenario: Scenario) -> bool:
+    """Return whether the flights of a scenario still have to be compiled, once after an installation."""
+    found = find_cache(_find_kernel(scenario))
+    return found is not None and not found[1]
+
+
+def _find_kernel(scenario: Scenario) -> Callable[[BatchSetup, Batch], None]:
+    return fly_free if scenario.free else fly_on_stand
+
+
 def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
     law, terms, step, steps_lanes = _find_step(pilot)
@@ -164,7 +175,7 @@ def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases
         torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
         readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
-    fly = fly_free if scenario.free else fly_on_stand
+    fly = _find_kernel(scenario)
     fly(shared, batch)
     columns = batch.tallies.T.tolist()
     return [

@@ -113,7 +113,7 @@ class Batch(NamedTuple):
     """(n, 16 * LANES) standard normal random numbers of each seed, in the same order; their sum in the first row."""
     outer: Array
     """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
-    places: NDArray[np.int64]
+    places: NDArray[np.int32]
     """(12 or 16 * LANES,) work space of `inverse_normals`."""
     tallies: Array
     """(TALLY_SIZE, LANES) see `scoring.metrics`."""
@@ -144,7 +144,7 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
         "uniform": aligned_zeros(drawn),
         "noise": aligned_zeros(seeds * _NOISE_ROWS * LANES).reshape(seeds, _NOISE_ROWS * LANES),
         "outer": aligned_zeros(drawn + BLOCK),
-        "places": np.zeros(drawn, dtype=np.int64),
+        "places": np.zeros(drawn, dtype=np.int32),
         "tallies": _zeros(TALLY_SIZE),
     }
 

@@ -54,8 +54,8 @@ _LARGEST_CORNER = 0.45
 """[-] largest corner of a filter as a share of the rate."""
 _UNSTABLE = 1e6
 """[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
-_DIGITS = 5
-"""Significant digits of a parameter in a file."""
+_DIGITS, _SLEW_MARGIN = 5, 1e-4
+"""Significant digits of a parameter in a file; share of the slew reserved for the digits left out."""
 
 
 class _Structure(NamedTuple):
@@ -160,7 +160,8 @@ def tune_gains(
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     fixed = complete(autopilot, structure.fixed)
     torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit
-    search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, math.sqrt(slew**2 - rounding**2), torque)
+    most = (1.0 - _SLEW_MARGIN) * math.sqrt(slew**2 - rounding**2)
+    search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, most, torque)
     tries = list(product(_CORNER_PEAKS, _SPEEDS))
     for number, (corner, speed) in enumerate(tries):
         progress(number / len(tries), f"at most {corner * sensitivity_peak:.3g} off nominal")

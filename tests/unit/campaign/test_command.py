@@ -174,3 +174,21 @@ def _answer_nonsense(server: socket.socket) -> None:
 def test_a_dask_cluster_is_named_by_its_scheduler():
     done = CliRunner().invoke(app, ["campaign", "paper", "--law", "hinf-d1", "--executor", "x://y", "-o", "mc.parquet"])
     assert (done.exit_code, done.stderr) == (2, "gustproof: --executor 'x://y': give dask://tcp://HOST:PORT\n")
+
+
+@pytest.mark.parametrize("cold", [True, False])
+def test_a_cold_start_says_that_it_compiles(command, monkeypatch, cold):
+    told = []
+
+    @contextmanager
+    def progress(title, **_):
+        told.append(title)
+        yield lambda _, text: told.append(text)
+
+    monkeypatch.setattr("gustproof.cli.campaign.progress", progress)
+    monkeypatch.setattr("gustproof.simulate.batch.is_cold", lambda _: cold)
+    assert command("-o", "mc.parquet").exit_code == 0
+    first, second, *_, last = told
+    assert first == "starting workers, paper, hinf-d1"
+    assert second == f"paper, hinf-d1: {'compiling the simulator, once after an installation' if cold else '0 runs'}"
+    assert last == "paper, hinf-d1: 5 runs"

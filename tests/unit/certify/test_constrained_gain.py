@@ -18,7 +18,7 @@ from gustproof.certify.certificate import Certificate
 from gustproof.certify.check.evidence import CheckResult, seal
 from gustproof.certify.check.evidence import check_certificate as check
 from gustproof.certify.check.quadratic_constraints import LAG, LEAD
-from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, derived_loop
+from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, command_parts, derived_loop
 from gustproof.certify.gain.parts import Delay, Part, Sector, Slope
 from gustproof.lti.state_space import Lti, as_lti
 from gustproof.model.lft import Uncertain, append, ultidyn, ureal
@@ -35,6 +35,12 @@ def late() -> Uncertain:
     """Return `x' = -x - K x(t - theta) + w`, z = x."""
     M = Lti(A=[[-1.0 - K]], B=[[-K, 1.0]], C=[[1.0], [1.0]], D=np.zeros((2, 2)))
     return Uncertain(M=M, blocks=ultidyn("late").blocks)
+
+
+def restless(delta: Uncertain) -> Uncertain:
+    """Return `x' = x + delta x + w`, z = x: unstable at Delta = 0."""
+    M = Lti(A=[[1.0]], B=[[1.0, 1.0]], C=[[1.0], [1.0]], D=np.zeros((2, 2)))
+    return Uncertain(M=M, blocks=delta.blocks)
 
 
 def lure(num: list[float], den: list[float], slope: float) -> Uncertain:
@@ -160,6 +166,10 @@ def test_a_saturated_integrator_has_no_gain():
         (lambda: Delay(largest=1.0, poles=(-1.0,)), "must be positive"),
         (lambda: Delay(largest=1.0, varying=True, poles=(1.0,)), "has no poles"),
         (lambda: Slope(poles=(math.inf,)), "must be positive"),
+        (lambda: prove(restless(ultidyn("late")), late=Delay(largest=0.1)), "continuous and stable at Delta = 0"),
+        (lambda: certify_lft(restless(ureal("pole", low=-1.0, high=1.0)), assumes={}), "stable at Delta = 0"),
+        (lambda: certify_lft(restless(ureal("a b", low=-1.0, high=1.0)), assumes={}), "block 'a b': .* by letters"),
+        (lambda: command_parts(None, 1.0), r"saturation is 1\.0, must be above 1"),
     ],
 )
 def test_what_is_no_loop_of_parts_is_named(make, reason):

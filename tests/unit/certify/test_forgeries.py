@@ -240,6 +240,10 @@ GAINS: dict[str, tuple[Callable[[], str], str]] = {
     "speed in words": (lambda: with_block(gain(0.5, 1.0), speed="0.5"), "malformed"),
     "no speed": (lambda: with_block(gain(0.5, 1.0), speed=None), "malformed"),
     "a speed below nothing": (lambda: with_block(gain(0.5, 1.0), speed=-5e-324), "speed is negative"),
+    "a slow block with other entries": (
+        lambda: with_block(gain(0.5, 1.0), note=1),
+        "slow parameters has other entries",
+    ),
     "a corner less": (lambda: sealed({**gain(0.5, 1.0), "vertices": gain(0.5, 1.0)["vertices"][:-1]}), "malformed"),
     "a gain called slow": (lambda: sealed({**gain(), "kind": "slow gain"}), "other entries"),
     "a gain called a flight": (lambda: sealed({**gain(), "kind": "boundedness"}), "give both"),

@@ -18,7 +18,7 @@ from gustproof.certify.check.evidence import check_certificate as check
 from gustproof.certify.gain import l2_gain
 from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, derived_loop, lower_bound
 from gustproof.certify.gain.worst_schedule import worst_schedule
-from gustproof.lti.state_space import Lti, lft
+from gustproof.lti.state_space import Lti, gain, lft
 from gustproof.model.lft import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.designs import design_problem, load_design
@@ -220,6 +220,11 @@ def test_a_loop_faster_than_its_evidence_is_refused(slow_lag, speed, accepted):
         assert "rate of the derived loop is faster" in verdict.reason
 
 
+def test_evidence_about_other_parameters_is_refused(slow_lag):
+    other = derived_loop(lag(0.5), None)._replace(blocks=[("speed", 1)])
+    assert "about other parameters" in check(json.dumps(slow_lag.to_dict()), loop=other).reason
+
+
 def test_the_forms_of_a_ball_hold_those_of_every_system_in_it(certificate):
     """Of random systems in the ball, at its corners, none leaves the form's ball; and one comes near its edge."""
     evidence, share, rng = certificate.evidence, Fraction(1, 64), np.random.default_rng(3)
@@ -306,9 +311,23 @@ def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
     assert np.max(gains) > 0.2  # of the .249 at hover
 
 
-def test_a_diagram_without_airframe_is_refused():
-    with pytest.raises(ValueError, match="airframe"):
-        certify_gain(design_problem(load_design("R1"), VEHICLE), controller("D1"), angle=0.1, rate=0.5)
+def scheduled_on(name: str, reach: float) -> Uncertain:
+    """Return a controller of no gain that reads a parameter."""
+    return np.eye(3, 1) @ (ureal(name, low=-reach, high=reach) @ np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize(
+    ("design", "K", "words"),
+    [
+        ("R1", gain(np.zeros((3, 3))), "airframe"),
+        ("aided", gain(np.zeros((3, 5))), "gyro-only designs: the leak differs between axes"),
+        ("D2", scheduled_on("x", 1.0), "the controller's block 'x' is no parameter of the plant"),
+        ("D2", scheduled_on("t", 0.01), r"scheduled on 't' up to 0\.01, the envelope is 0\.0500417"),
+    ],
+)
+def test_a_loop_that_the_envelope_does_not_fit_is_refused(design, K, words):
+    with pytest.raises(ValueError, match=words):
+        certify_gain(design_problem(load_design(design), VEHICLE), K, angle=0.1, rate=0.5)
 
 
 def test_a_schedule_reaches_no_more_than_the_gain_of_the_worst_member():

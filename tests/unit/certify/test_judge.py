@@ -24,6 +24,8 @@ from gustproof.certify.check import (
     evidence,
     flight_box,
     kernel_norms,
+    levelled_box,
+    levelled_norms,
     single_precision,
     system,
     truth_drift,
@@ -451,7 +453,9 @@ def test_every_term_moves_a_figure(output):
         (estimate_box, {"COMMAND_SHARE": Fraction(999, 1000), "_FLOAT32": 2.0**-22, "_DOUBLE": 2.0**-46}),
         (estimate_box, {"_TINY": 2.0**-140}),
         (flight_box, {"RISK_PERIOD": 600, "LEAST_RISK": Fraction(1, 10**12), "LONGEST": 1000000}),
-        (system, {"_MOST_STATES": 48}),
+        (system, {"_MOST_STATES": 48, "_LEVELLED": 8, "_GRAVITY": 10}),
+        (levelled_box, {"_TILT": 2.0**-22, "LEAK": 0.0625}),
+        (levelled_norms, {"_ULP": 2**-52, "_DIVERGED": 1e30, "_SPARE": 1e-6, "_BLOCK": 1024}),
         (truth_drift, {"_CHUNKS": 32, "_LARGEST": 1, "_ROUNDS": 200, "_ROUNDING": 2.0**-44}),
         (evidence, {"ROUNDING": Fraction(1, 1 << 40), "FORMAT": "gustproof-certificate-1"}),
         (attitude_offset, {"_MOST_LEFT": 1e-3, "_SPARE": 1e-6, "_ULP": 2**-52}),
@@ -511,24 +515,22 @@ def plain_norms(of: LoopSystem) -> list[kernel_norms.AxisNorms]:
     return [axis_norms(of, axis, 512) for axis in range(3)]
 
 
-def test_a_box_closes_at_equality_and_no_bound_may_be_less(monkeypatch):
+def test_a_box_closes_at_equality_and_no_bound_may_be_less():
     of, box = loop(), [[value / 64 for value in row] for row in some_box(10)]
-    monkeypatch.setattr(estimate_box, "map_box", lambda *_: box)
-    estimate_box.check_box(of, [], QUIET, box)
+    estimate_box.check_box(of, QUIET, box, box)
     for axis, k in product(range(3), range(10)):
         less = [
             [value - (i == axis and j == k) * value / 10**9 for j, value in enumerate(row)] for i, row in enumerate(box)
         ]
         with pytest.raises(Refusal, match=rf"axis {axis}: the bound {k} does not close"):
-            estimate_box.check_box(of, [], QUIET, less)
+            estimate_box.check_box(of, QUIET, less, box)
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_each_limit_may_be_reached_and_not_passed(axis, monkeypatch):
+def test_each_limit_may_be_reached_and_not_passed(axis):
     of, box = loop(), [[value / 64 for value in row] for row in some_box(10)]
     share, row = estimate_box.COMMAND_SHARE, box[axis]
     noise = CASE.deviations * CASE.noise
-    monkeypatch.setattr(estimate_box, "map_box", lambda *_: box)
 
     def at(values: Any, value: Fraction) -> tuple[Fraction, ...]:
         return tuple(value / share if i == axis else v for i, v in enumerate(values))
@@ -539,11 +541,11 @@ def test_each_limit_may_be_reached_and_not_passed(axis, monkeypatch):
             assert estimate_box.is_within_limits(limited, row, axis) is kept
             if not kept:
                 with pytest.raises(Refusal, match=f"axis {axis}: the command may reach its limit"):
-                    estimate_box.check_box(limited, [], CASE, box)
+                    estimate_box.check_box(limited, CASE, box, box)
     fastest = max(r[estimate_box.PEAK_RATE] for r in box) + noise
-    estimate_box.check_box(of._replace(gyro_range=fastest / share), [], CASE, box)
+    estimate_box.check_box(of._replace(gyro_range=fastest / share), CASE, box, box)
     with pytest.raises(Refusal, match="axis 2: the rate may leave the gyro's range"):
-        estimate_box.check_box(of._replace(gyro_range=fastest * (1 - Fraction(1, 10**9)) / share), [], CASE, box)
+        estimate_box.check_box(of._replace(gyro_range=fastest * (1 - Fraction(1, 10**9)) / share), CASE, box, box)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -636,15 +638,15 @@ def test_a_sample_too_long_for_the_series_is_refused(lag, refused):
     of = loop(lag=lag)
     if refused:
         with pytest.raises(Refusal, match="a sample is too long for the vehicle's time constants"):
-            kernel_norms._plant(of, 0, float(1 / lag))
+            kernel_norms.sample_map(of, 0, float(1 / lag))
     else:
-        entry = kernel_norms._plant(of, 0, float(1 / lag))[1][1]
+        entry = kernel_norms.sample_map(of, 0, float(1 / lag))[1][1]
         assert entry == pytest.approx(np.exp(-4.0), rel=1e-15)
-    assert kernel_norms._plant(of._replace(dt=Fraction(4), damping=(Fraction(1, 8),) * 3), 0, 0.125)
+    assert kernel_norms.sample_map(of._replace(dt=Fraction(4), damping=(Fraction(1, 8),) * 3), 0, 0.125)
     with pytest.raises(Refusal, match="too long"):
-        kernel_norms._plant(of._replace(damping=(Fraction(33),) * 3), 0, 4.0)
+        kernel_norms.sample_map(of._replace(damping=(Fraction(33),) * 3), 0, 4.0)
     with pytest.raises(Refusal, match="too long"):
-        kernel_norms._plant(of._replace(dt=Fraction(5), damping=(Fraction(1, 8),) * 3), 0, 0.125)
+        kernel_norms.sample_map(of._replace(dt=Fraction(5), damping=(Fraction(1, 8),) * 3), 0, 0.125)
 
 
 def last_of(left: float, peak: float = 1.0) -> tuple[Any, ...]:
@@ -691,8 +693,8 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
     for name in ("two\nlines", "a 'quote'"):
         refused({**law, "name": name}, words="holds no quote")
     refused({**law, "output": "attitude"}, words="commands attitude, the proof is about torque and rates")
-    refused({**law, "B": [[*row, 0.0, 0.0] for row in law["B"]]}, words="reads the accelerometer")
-    refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="reads the accelerometer")
+    refused({**law, "B": [[*row, 0.0, 0.0] for row in law["B"]]}, words="matrices of wrong shapes")
+    refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="matrices of wrong shapes")
     refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
     refused({**law, "C": law["C"][:2]}, words="matrices of wrong shapes")
     refused({**law, "G": [row[:2] for row in law["G"]]}, words="matrices of wrong shapes")
@@ -854,7 +856,7 @@ def test_deviations_that_do_not_cover_the_risk_are_refused(monkeypatch):
 @pytest.mark.parametrize(("above", "steps"), [(-0.0007, 1), (-0.0015, 0), (0.0, 1)])
 def test_degrees_are_rounded_up_with_a_thousandth_of_a_step_to_spare(above, steps):
     angle = Fraction(math.radians((1000.0 + above) * 1e-6))
-    assert flight_box._degrees_up(angle) == (1000 + steps) / 1e6
+    assert flight_box.degrees_up(angle) == (1000 + steps) / 1e6
 
 
 def test_the_truth_without_horizon_is_not_bounded():
@@ -887,6 +889,108 @@ def test_an_offset_beyond_a_radian_is_refused_and_slow_ones_are_simulated_longer
     monkeypatch.setattr(kernel_norms, "LONGEST", 7)
     with pytest.raises(Refusal, match="samples are 8, must be 1 to 7"):
         attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
+
+
+def test_each_signal_of_the_offset_counts_in_its_deviations_and_its_work(monkeypatch):
+    """Two signals of three axes at each sample, and two samples more; a simulation is doubled, not more."""
+    of, box, counts, work = loop(), [[value / 4096 for value in row] for row in some_box(10)], [], []
+    disturbance = Disturbance([Fraction(0)] * 3, [Fraction(0)] * 3, 9, Fraction(1, 128))
+
+    def bound(*_: Any, samples: int, **__: Any) -> attitude_offset.Offset:
+        if samples < 4:
+            raise Refusal("too slow")
+        return attitude_offset.Offset([Fraction(0)] * 3, [Fraction(0)] * 3)
+
+    monkeypatch.setattr(attitude_offset, "bound_offset", bound)
+    monkeypatch.setattr(attitude_offset, "least_deviations", lambda *given: counts.append(given) or Fraction(4))
+    monkeypatch.setattr(attitude_offset, "check_work", lambda _, samples: work.append(samples))
+    attitude_offset.strapdown_box(of, [], CASE, box, disturbance, 2)
+    assert counts == [(Fraction(66), Fraction(1, 256))]
+    assert work == [4]
+
+
+def made_run(left: float, cells: int = 2) -> tuple[attitude_offset._Run, kernel_norms.AxisNorms]:
+    """Return a run of two states with `left` of them after it, and norms; no two numbers are alike."""
+    rng = np.random.default_rng(5)
+
+    def some(*shape: int) -> Any:
+        return rng.uniform(0.5, 1.5, shape)
+
+    run = attitude_offset._Run(
+        Phi=some(cells, 5, 5),
+        total=some(cells, 2, 7),
+        square=some(cells, 2),
+        peak=some(cells, 5),
+        first=some(cells, 7),
+        largest=some(cells, 7),
+        settled=1e-3 * some(cells, 7),
+        last=left * some(cells, 5, 7),
+    )
+    centre = np.ones((cells, 2))
+    norms = kernel_norms.AxisNorms(
+        some(cells, 8, 5), some(cells, 8), some(cells, 8), some(cells, 8), centre, centre, 0.0
+    )
+    return run, norms
+
+
+@pytest.mark.parametrize("steps", [3, 7, 40])
+def test_norms_of_the_offset_are_those_of_its_formula(steps, monkeypatch):
+    """The module's text, written again: with numbers of which each is felt."""
+    (run, norms), samples, ulp, up = made_run(1e-5), 7, 2.0**-52, 1.0 + 2.0**-40
+    monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+    found = attitude_offset._sum_signals(loop(), norms, 0, samples, steps)
+    defect = 21 * ulp * np.einsum("cij,cj->ci", np.abs(run.Phi), run.peak)
+    reach = run.largest[:, :5] + run.first[:, :5]
+    reach = reach + 1e-6 * np.max(reach, axis=1)[:, None]
+    left = [np.abs(run.last[c]) + (norms.entries[c, :5] @ defect[c])[:, None] for c in range(2)]
+    share = max(np.max(reach[c] @ left[c][:, :5] / reach[c]) for c in range(2))
+    for c in range(2):
+        own = 16.0 * ulp * (np.max(run.largest[c]) + 4.0 * np.max(run.peak[c]))
+        longest = reach[c] * up / (1.0 - share)
+        wrong = (samples + 1) * up * (longest @ defect[c] + own)
+        settled = run.settled[c] + longest @ left[c] + wrong
+        beyond = max(steps - samples, 0)
+        tail = (norms.entries[c, 0] + norms.entries[c, 4]) @ left[c]
+        tail += (samples + 1) * np.sum(norms.entries[c, :5] @ defect[c])
+        total = run.total[c] + [(samples + 1) * wrong + beyond * settled, tail]
+        noise = np.sqrt(run.square[c]) + np.array([(samples + 1) * wrong + math.sqrt(beyond) * settled[-1], tail[-1]])
+        grown = up + samples * ulp
+        assert found.total[c] == pytest.approx(grown * total, rel=2e-13)
+        assert found.noise[c] == pytest.approx(grown * noise, rel=2e-13)
+
+
+def test_an_offset_of_which_much_is_left_or_rounded_is_refused(monkeypatch):
+    def found(run: attitude_offset._Run, norms: kernel_norms.AxisNorms) -> Any:
+        monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+        return attitude_offset._sum_signals(loop(), norms, 0, 7, 9)
+
+    run, norms = made_run(2.0**-12)
+    with monkeypatch.context() as patch:
+        patch.setattr(attitude_offset, "_MOST_LEFT", 1.0)
+        assert found(run, norms)
+        rough = run._replace(peak=run.peak * np.array([[1.0], [2.0**28]]))  # the second cell alone
+        with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
+            found(rough, norms)
+    with pytest.raises(Refusal, match="of the offset is left: the loop is too slow"):
+        found(run, norms)
+
+
+def test_an_offset_starts_with_what_a_unit_moves_at_once():
+    """Without a sample simulated: units of each state, of the excess, and of the gyro, which the first sample reads."""
+    law = law_document()
+    for i in range(3):
+        law["B"][i][i], law["B"][3 + i][i] = 0.25, 0.75
+    of = read_system(json.dumps(law), VEHICLE)._replace(inertia_spread=Fraction(1, 16), cells=(3, 1))
+    run = attitude_offset._simulate(of, 1, 0)
+    m, half = run.Phi.shape[1], STEP / 2
+    first, off = np.zeros(m + 2), np.zeros(m + 2)
+    first[kernel_norms.X0], off[kernel_norms.X1] = 1.0, 1.0
+    first[-2], off[-2] = abs(2 * half - STEP), 0.0  # the law's own attitude moves by the excess too
+    first[-1], off[-1] = abs(half - 0.25), abs(1.0 - 0.75)
+    for cell in range(3):
+        assert run.total[cell].tolist() == [first.tolist(), off.tolist()]
+        assert run.square[cell].tolist() == [first[-1] ** 2, off[-1] ** 2]
+        assert run.first[cell].tolist() == first.tolist()
 
 
 def test_noise_over_too_short_or_long_a_flight_is_refused():
@@ -1126,7 +1230,7 @@ def test_a_shorter_ball_holds_the_longer_one():
 
 def test_a_product_of_balls_holds_all_products_of_their_members():
     A, B = ball([[1, -2]], [[0.25, 0.5]]), ball([[-3], [0.5]], [[0.125], [2]])
-    found = dissipation._product(A, B)
+    found = dissipation.ball_product(A, B)
     assert found.middle == [[-4]]
     assert found.radius == [[0.125 + 4 + 0.75 + 0.25 + 0.03125 + 1]]
 
@@ -1139,7 +1243,7 @@ def test_the_form_of_exact_numbers_is_exact():
     for form in (*slow, *forms, dissipation.stability_inequality(constrained)):
         assert not any(map(any, form.radius))
         assert rational.is_symmetric(form.middle)
-    numbers = dissipation._widen([[Fraction(2), zero], [Fraction(-8), Fraction(4)]], Fraction(1, 64))
+    numbers = dissipation.widen([[Fraction(2), zero], [Fraction(-8), Fraction(4)]], Fraction(1, 64))
     assert numbers.radius == [[Fraction(1, 8), Fraction(1, 16)], [Fraction(1, 8), Fraction(1, 8)]]
 
 
@@ -1187,7 +1291,7 @@ def test_no_rounding_lets_a_part_see_what_it_does_not():
     """A zero of its rows of D is none of rounding's; in those of a parameter it is."""
     system_of = dissipation._System(constrained_evidence(), Fraction(1, 64))
     D = constrained_evidence()["system"]["D"]
-    wide = system_of._widen_feedthrough([[Fraction(value) for value in row] for row in D], Fraction(1, 64))
+    wide = system_of._keep_zeros(dissipation.widen(rational.to_rational(D), Fraction(1, 64)))
     for i, row in enumerate(D):
         for value, off in zip(row, wide.radius[i], strict=True):
             assert (off > 0) is (bool(value) or i in (2, 6, 7))

@@ -320,6 +320,11 @@ def test_a_law_of_another_sample_time_is_refused():
         axis_loop(replace(load_law("flagship"), dt=0.002), VEHICLE, SCENARIO, 0)
 
 
+def test_a_law_without_a_loop_of_one_gyro_is_refused():
+    with pytest.raises(ValueError, match="law 'aided' couples its axes, uses the accelerometer or commands no torque"):
+        axis_loop(load_law("aided"), VEHICLE, SCENARIO, 0)
+
+
 def test_a_law_of_too_many_states_or_digits_is_refused_before_any_work():
     n = 41
     with pytest.raises(ValueError, match="41 states in one axis, at most 40"):

@@ -188,7 +188,7 @@ def test_a_gain_that_nothing_bounds_is_null_in_json(monkeypatch: pytest.MonkeyPa
         (("hinf-d2", "--horizon", "nan"), "horizon is nan, must be a finite number"),
         (("hinf-d2", "--noise", "1e-3", "--risk", "1e-320"), "must be a probability"),
         (("hinf-d2", "--noise", "-1"), "noise is -1.0, must not be negative"),
-        (("aided",), "law 'aided' reads the accelerometer"),
+        (("aided", "--noise", "0.0036"), "law 'aided' reads the accelerometer: its box is proved without noise"),
         (("D2",), "no law named 'D2'"),
         (("D2", "--check", "c.json"), "--check takes a gain's design with its envelope, or a flight's --law"),
         (("--check", "/nowhere.json"), "/nowhere.json: No such file"),
@@ -215,17 +215,42 @@ def test_what_the_hint_names_is_what_a_gain_can_be_proved_of():
             attitude_loop(problem, gain(np.zeros((problem.n_con, problem.n_meas))), envelope, scheduled=False)
 
 
-def test_an_air_is_predicted_and_not_called_proven() -> None:
-    told = run("flagship", "--air", "paper-turbulence", "--risk", "1e-3", "--json")
+@pytest.fixture
+def breath(tmp_path: Path) -> str:
+    """Return a scenario of .4 s of the paper's air."""
+    path = tmp_path / "breath.toml"
+    wind = '[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
+    path.write_text(f'description = "a breath"\nduration_s = 0.4\n{wind}', encoding="utf-8")
+    return str(path)
+
+
+def test_an_air_is_predicted_for_a_law_without_proof_and_not_called_proven(breath: str) -> None:
+    told = run("hinf-scheduled", "--air", breath, "--risk", "1e-3", "--json")
     assert told.exit_code == 0
     found = json.loads(told.stdout)
     assert found["proven"] is False
-    assert (found["risk"], found["horizon_s"], found["air"]) == (1e-3, 60.0, "paper-turbulence")
-    assert all(0.5 < angle < 1.1 for angle in found["attitude_deg"])
+    assert (found["risk"], found["horizon_s"], found["air"]) == (1e-3, 0.4, breath)
+    assert all(0.05 < angle < 1.1 for angle in found["attitude_deg"])
     assert "angular gusts" in found["assumes"]["neglected"]
-    shown = run("flagship", "--air", "paper-turbulence").stdout
-    assert shown.startswith("flagship: predicted, not proven: ")
+    assert "no pure integral of its gyro" in found["statement"]
+    shown = run("aided", "--air", breath).stdout
+    assert shown.startswith("aided: predicted, not proven: ")
     assert "with probability 0.999 or more" in shown
+    assert "no proof: law 'aided' reads the accelerometer" in shown
+
+
+def test_an_air_is_proved_and_checked_from_the_files(breath: str, tmp_path: Path) -> None:
+    path = str(tmp_path / "chance.json")
+    shown = run("flagship", "--air", breath, "-o", path)
+    assert shown.exit_code == 0
+    assert shown.stdout.startswith("flagship: proven: in Dryden turbulence of 15 m/s at 20 ft")
+    told = json.loads(run("flagship", "--air", breath, "--json").stdout)
+    assert (told["proven"], told["risk"], told["horizon_s"], told["air"]) == (True, 1e-3, 0.4, breath)
+    files = ("--law", "flagship", "--vehicle", "paper", "--air")
+    checked = json.loads(run("--check", path, *files, breath, "--json").stdout)
+    assert (checked["proven"], checked["truth_deg"]) == (True, told["attitude_deg"])
+    assert run("--check", path, *files, "paper-turbulence").exit_code == 1
+    assert run("--check", path, *files[:-1]).exit_code == 1
 
 
 @pytest.mark.parametrize(

@@ -138,12 +138,36 @@ def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the
         np.testing.assert_allclose(other.response([0.5, 20.0]), own.response([0.5, 20.0]), rtol=1e-6, atol=1e-9)
     for options, words in (
         (("--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
-        ((*envelope, "--check", "none.json"), "--check takes the certificate of a law file's gain alone"),
         ((), "is scheduled on attitude and rates, the proof is about laws without schedule"),
     ):
         refused = CliRunner().invoke(app, ["certify", str(path), *options])
         assert refused.exit_code == 2, refused.output
         assert words in refused.output
+
+
+@pytest.mark.slow
+def test_the_gain_of_a_law_file_is_checked_of_that_file_and_of_no_other(
+    scheduled: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr(methods, "certify_lft", lambda *_, **__: CERTIFICATE)
+    monkeypatch.setattr(l2_gain, "lower_bound", lambda *_: 0.2)
+    path, envelope = tmp_path / "turned.json", ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
+    told("D2", "--method", "lpv", *envelope, "-o", str(path))
+    law, other, proof = load_law(path), tmp_path / "other.json", tmp_path / "proof.json"
+    replace(law, B=(1.0 + 1e-4) * law.B).save(other)
+
+    def verdict(name: Path, *options: str) -> tuple[int, dict[str, Any]]:
+        arguments = ["certify", str(name), *envelope, *options, "--json"]
+        done = CliRunner().invoke(app, arguments)
+        return done.exit_code, json.loads(done.stdout)
+
+    status, certified = verdict(path, "-o", str(proof))
+    assert (status, certified["proven"]) == (0, True)
+    status, checked = verdict(path, "--check", str(proof))
+    assert (status, checked["gain"], checked["lower_bound"]) == (0, certified["gain"], 0.2)
+    assert "derived from the law's file and its design" in checked["assumes"]["plant"]
+    status, refused = verdict(other, "--check", str(proof))
+    assert (status, refused["reason"]) == (1, "the matrix inequality does not hold")
 
 
 def test_a_gain_is_of_a_law_file_with_a_schedule_from_a_shipped_design(make_law: Any, turn: Any, tmp_path: Path):

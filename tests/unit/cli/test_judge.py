@@ -57,7 +57,15 @@ def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt):
     assert f"{page} is written" in result.stdout
     assert read_autopilot_law(better, load_vehicle("paper")).law.provenance.parameters["IMU_DGYRO_CUTOFF"] > 10.0
     text = page.read_text(encoding="utf-8")
-    for words in ("px4-spoilt on", "Ms 5.57, above 2", "Better gains", "Sensitivity, px4-spoilt", "where it fails"):
+    for words in (
+        "px4-spoilt on",
+        '<a href="#verdict">Verdict</a>',
+        '<section id="verdict">',
+        "Ms 5.57, above 2",
+        "Better gains",
+        "Sensitivity, px4-spoilt",
+        "where it fails",
+    ):
         assert words in text
     assert "spreads \u2264 " in text
     assert '"kind":"semilog"' in text

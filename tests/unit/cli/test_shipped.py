@@ -98,6 +98,8 @@ def test_the_version_is_one_line():
         ("gustproof vehi", "vehicle"),
         ("gustproof fly paper-", "paper-turbulence"),
         ("gustproof fly paper --law flag", "flagship"),
+        ("gustproof controller --law flag", "flagship"),
+        ("gustproof autopilot --he", "--held"),
         ("gustproof design D", "D1"),
         ("gustproof design l", "list"),
         ("gustproof vehicle show i", "iris"),

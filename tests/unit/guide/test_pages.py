@@ -5,22 +5,18 @@ import os
 import re
 import shlex
 import tomllib
-from contextlib import redirect_stdout, suppress
 from functools import cache
 from importlib.resources import files
-from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 import typer.main
 
-from firmware_model.__main__ import main as run_autopilot
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario, list_scenarios
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.controller.__main__ import main as run_controller
 from gustproof.guide import site
 from gustproof.law.form import list_laws
 from gustproof.reproduce.errata import ERRATA
@@ -62,15 +58,6 @@ GUSTPROOF_LINES = sorted({tuple(words) for _, words in LINES if words[0] == "gus
 
 
 @cache
-def process_help(name: str) -> str:
-    """Return the help of a command that parses its own options."""
-    shown = StringIO()
-    with redirect_stdout(shown), suppress(SystemExit):
-        (run_autopilot if name == "autopilot" else run_controller)(["--help"])
-    return shown.getvalue()
-
-
-@cache
 def command_line():
     return typer.main.get_command(app)
 
@@ -82,17 +69,13 @@ def test_command_of_a_page_has_these_options_and_names(words: tuple[str, ...]) -
         assert name in {option for parameter in command_line().params for option in parameter.opts}
         return
     command = command_line().commands[name]
-    if name in {"autopilot", "controller"}:
-        options = {argument for argument in arguments if argument.startswith("-")}
-        assert all(re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", process_help(name)) for option in options)
-    else:
-        while hasattr(command, "commands"):
-            if arguments[0] in command.commands:
-                name, *arguments = arguments
-            else:
-                name = command.default
-            command = command.commands[name]
-        command.make_context(name, list(arguments))  # raises for an unknown option, a wrong type or too few arguments
+    while hasattr(command, "commands"):
+        if arguments[0] in command.commands:
+            name, *arguments = arguments
+        else:
+            name = command.default
+        command = command.commands[name]
+    command.make_context(name, list(arguments))  # raises for an unknown option, a wrong type or too few arguments
     laws = [value for option, value in pairwise(arguments) if option in {"--law", "--entry"}]
     assert all(law.partition("@")[0] in list_laws() or law.endswith(LAW_FILES) for law in laws)
     if name in {"fly", "campaign", "compare"} and not {"--repeat"} & set(arguments):

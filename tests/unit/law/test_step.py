@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import Law, Schedule, list_laws, load_law
-from gustproof.law.step import EXTRA_SIZE, TERM_BLOCK, LawStepper, euler_rates, rate_excess, sparse_law, step, tilt
+from gustproof.law.step import (
+    EXTRA_SIZE,
+    TERM_BLOCK,
+    LawStepper,
+    euler_rates,
+    no_law,
+    rate_excess,
+    sparse_law,
+    step,
+    tilt,
+)
 
 Maker = Callable[..., Law]
 
@@ -40,7 +50,8 @@ def scheduled_outputs(schedule: Schedule, x: np.ndarray, y: np.ndarray) -> np.nd
 
 def test_kernels_are_compiled_once_for_every_law(turn: Maker) -> None:
     laws = [*map(load_law, list_laws()), turn(load_law("hinf-d1"))]
-    assert len({tuple(map(numba.typeof, sparse_law(law))) for law in laws}) == 1
+    terms = [no_law(), *map(sparse_law, laws)]
+    assert len({tuple(map(numba.typeof, each)) for each in terms}) == 1
 
 
 def test_a_schedule_changes_no_bit_at_level_rest(turn: Maker) -> None:

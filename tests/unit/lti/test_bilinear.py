@@ -7,8 +7,6 @@ from gustproof.errors import DesignError
 from gustproof.lti.bilinear import bilinear, bilinear_transform, tustin
 from gustproof.lti.state_space import Lti
 
-pytestmark = pytest.mark.plain
-
 DT = 0.05
 G = Lti(A=[[-1.0, 4.0], [-4.0, 0.5]], B=[[1.0], [2.0]], C=[[1.0, 0.5]], D=[[0.3]])
 
@@ -42,5 +40,7 @@ def test_bad_input_is_refused():
         bilinear(G, 1.0, 2.0, 1.0, 2.0, dt=0.0)
     with pytest.raises(ValueError, match="below the Nyquist frequency"):
         tustin(G, DT, prewarp=70.0)
+    with pytest.raises(DesignError, match=r"a pole at 2/dt = 20 rad/s: choose another sample time"):
+        tustin(Lti(A=[[20.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]]), 0.1)
     with pytest.raises(DesignError, match="pole at 2"):
         bilinear(Lti(A=[[2.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]]), 2.0, 0.0, 1.0, 1.0, dt=0.0)

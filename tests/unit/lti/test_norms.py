@@ -1,11 +1,14 @@
 """Norms of systems whose norm is known in closed form, and of random ones against python-control."""
 
 import math
+from dataclasses import replace
 
 import control
 import numpy as np
 import pytest
 
+from gustproof.errors import DesignError
+from gustproof.lti import norms
 from gustproof.lti.norms import h2_norm, hinf_norm
 from gustproof.lti.state_space import Lti, as_lti, gain
 
@@ -97,3 +100,10 @@ def test_h2_of_a_discrete_lag_is_the_sum_of_its_impulse_response():
 
 def test_white_noise_through_a_feedthrough_has_infinite_power():
     assert h2_norm(gain([[1.0]])) == math.inf
+
+
+def test_a_search_that_rises_without_end_is_given_up(monkeypatch):
+    monkeypatch.setattr(norms, "_raise_lower_bound", lambda _G, best, _omega: replace(best, gain=2.0 * best.gain + 1.0))
+    monkeypatch.setattr(norms, "_crossings", lambda _G, _level: np.array([1.0]))
+    with pytest.raises(DesignError, match="did not settle in 60 rounds"):
+        hinf_norm(Lti(A=[[-1.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]]))

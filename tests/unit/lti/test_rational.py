@@ -10,6 +10,7 @@ from gustproof.lti.rational import (
     cos_lower_bound,
     exp_lower_bound,
     identity,
+    inverse,
     is_positive_definite,
     multiply,
     sin_upper_bound,
@@ -28,6 +29,18 @@ def test_a_float_is_the_rational_number_that_it_is():
 def test_what_is_not_a_number_is_refused(bad):
     with pytest.raises(ValueError, match="not finite"):
         to_rational([[bad]])
+
+
+def test_an_inverse_is_exact_and_there_is_none_of_a_singular_matrix():
+    A = to_rational([[0.0, 1e-300, 3.0], [7.0, 0.1, -2.0], [1.0, 0.5, 1e300]])
+    assert multiply(A, inverse(A)) == multiply(inverse(A), A) == identity(3)
+    with pytest.raises(ValueError, match="the matrix is singular"):
+        inverse(to_rational([[1.0, 2.0], [0.5, 1.0]]))
+
+
+def test_rows_of_different_lengths_are_refused():
+    with pytest.raises(ValueError, match="rows of different lengths"):
+        to_rational([[1.0], [1.0, 2.0]])
 
 
 def test_definiteness_is_decided_where_floating_point_cannot():

@@ -36,7 +36,11 @@ def test_an_unspecified_time_base_is_continuous_and_one_without_sample_time_is_r
 
 @pytest.mark.parametrize(
     ("field", "value", "message"),
-    [("B", [[1.0, 2.0]], "B has shape"), ("A", [[np.nan]], "A has a number that is not finite")],
+    [
+        ("B", [[1.0, 2.0]], "B has shape"),
+        ("A", [[np.nan]], "A has a number that is not finite"),
+        ("dt", -0.1, r"dt is -0\.1, must be 0"),
+    ],
 )
 def test_a_system_that_is_not_sound_is_refused(field, value, message):
     matrices = {"A": [[-1.0]], "B": [[1.0]], "C": [[1.0]], "D": [[0.0]], field: value}
@@ -73,6 +77,8 @@ def test_a_loop_that_is_not_well_posed_is_refused():
     P, K = gain([[0.0, 1.0], [1.0, 1.0]]), gain([[1.0]])
     with pytest.raises(ValueError, match="not well posed"):
         lft(P, K)
+    with pytest.raises(ValueError, match="K is 3 x 3, larger than P, 2 x 2"):
+        lft(P, gain(np.eye(3)))
 
 
 def test_a_held_double_integrator_is_the_textbook_one():
@@ -90,3 +96,8 @@ def test_a_delay_turns_the_phase_by_one_sample():
 def test_systems_of_different_sample_times_are_not_joined():
     with pytest.raises(ValueError, match="sample times differ"):
         series(delay(1, 0.1), lag(1.0))
+
+
+def test_a_discrete_system_is_not_held():
+    with pytest.raises(ValueError, match=r"discrete already, dt = 0\.1 s"):
+        discretize_zoh(delay(1, 0.1), 0.1)

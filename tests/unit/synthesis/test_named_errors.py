@@ -1,28 +1,46 @@
 """Errors of the toolbox that a sound plant never meets, each by its text."""
 
 import dataclasses
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import Lti, gain
 from gustproof.model.lft import Uncertain
+from gustproof.model.rotational import Envelope
+from gustproof.synthesis import rate_law, weights_search
 from gustproof.synthesis.coprime import ncfsyn as coprime
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn
+from gustproof.synthesis.derive import derive
+from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.hinf import h2syn as h2
 from gustproof.synthesis.hinf import hinfsyn as hinf
 from gustproof.synthesis.hinf.h2syn import h2syn
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
+from gustproof.synthesis.inner_loops import InnerLoop, InnerLoops
+from gustproof.synthesis.lpv import lpvsyn as lpv
 from gustproof.synthesis.lpv import reconstruction
+from gustproof.synthesis.lpv.lpvsyn import lpvsyn
+from gustproof.synthesis.methods import solve_mu
 from gustproof.synthesis.mu import musyn
-from gustproof.synthesis.structured.blocks import Structure, tunable_gain
-from gustproof.synthesis.structured.goals import RollOffGoal
+from gustproof.synthesis.pid.tuning import TuningLimits
+from gustproof.synthesis.structured import hinfstruct as structured
+from gustproof.synthesis.structured.blocks import (
+    Structure,
+    decoupled_structure,
+    tunable_gain,
+    tunable_observer,
+    tunable_pid,
+)
+from gustproof.synthesis.structured.fixed_order import solve_structured
+from gustproof.synthesis.structured.goals import GainGoal, RollOffGoal
 from gustproof.synthesis.structured.hinfstruct import hinfstruct
-
-pytestmark = pytest.mark.plain
 
 PLANT = Lti(
     A=[[1.0]],
@@ -35,6 +53,10 @@ HUGE = dataclasses.replace(PLANT, A=[[1e300]], B=1e300 * PLANT.B)
 """Numbers whose squares overflow."""
 
 
+FAR = dataclasses.replace(PLANT, C=1e300 * PLANT.C)
+"""Numbers whose units no float holds."""
+
+
 def raise_ill_posed(*_arguments: object) -> None:
     raise ValueError("the loop is not well posed")
 
@@ -44,7 +66,7 @@ def raise_ill_posed(*_arguments: object) -> None:
     [(0.95, "a Riccati solution is not positive semidefinite"), (2.0, "the spectral radius of XY is not below gamma")],
 )
 def test_hinfsyn_names_the_condition_that_fails_at_a_level(monkeypatch, gamma, condition):
-    monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: 0.5)
+    monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: (0.5, True))
     with pytest.raises(DesignError, match=f"no controller at gamma = {gamma:g}: {condition}"):
         hinfsyn(PLANT, 1, 1, gamma=gamma)
 
@@ -68,6 +90,15 @@ def test_hinfsyn_returns_no_controller_whose_loop_fails_the_check(monkeypatch, n
         hinfsyn(PLANT, 1, 1, gamma=3.0)
 
 
+def test_a_level_a_little_higher_is_taken_where_rounding_spoils_the_controller(monkeypatch):
+    level, norm = 1.05 * hinfsyn(PLANT, 1, 1).gamma_opt, hinf.loop_norm
+    spoilt = iter([True, True])
+    monkeypatch.setattr(
+        hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
+    )
+    assert hinfsyn(PLANT, 1, 1).gamma == pytest.approx(1.003 * level, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("norm", "told"),
     [(lambda _loop: 1e3, "its norm is 1000, not 4.06"), (raise_ill_posed, "the loop is not well posed")],
@@ -84,11 +115,28 @@ def test_ncfsyn_returns_no_controller_whose_loop_fails_the_check(monkeypatch):
         ncfsyn(Lti(A=[[-1.0]], B=[[1.0]], C=[[1.0]], D=[[0.0]]))
 
 
-@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value", "ignore:divide by zero")
 @pytest.mark.parametrize("synthesis", [hinfsyn, h2syn])
-def test_numbers_that_overflow_are_bad_scaling(synthesis):
+@pytest.mark.parametrize("plant", [HUGE, FAR])
+def test_numbers_that_overflow_are_bad_scaling(synthesis, plant):
     with pytest.raises(DesignError, match="too badly scaled to solve"):
-        synthesis(HUGE, 1, 1)
+        synthesis(plant, 1, 1)
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_ncfsyn_names_a_plant_that_overflows():
+    with pytest.raises(DesignError, match="the shaped plant is too badly scaled to solve"):
+        ncfsyn(Lti(A=[[1e300]], B=[[1.0]], C=[[1.0]], D=[[0.0]]))
+
+
+@pytest.mark.parametrize(
+    ("zero", "told"), [(4.0, r"the loop is not well posed: I \+ D_K D22"), (-2.0, r"R - gamma\^2 J is singular")]
+)
+def test_hinfsyn_names_what_is_singular_where_the_controller_undoes_the_plant(zero, told):
+    """The direct path of the least level is -2, and I + D_K D22 = 1 - 2 / 2. With stable zeros that level is 0."""
+    plant = Lti(A=[[1.0]], B=[[1.0 - zero, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.5]])
+    with pytest.raises(DesignError, match=told):
+        hinfsyn(plant, 1, 1)
 
 
 def test_blocks_and_goals_name_what_does_not_fit():
@@ -101,6 +149,69 @@ def test_blocks_and_goals_name_what_does_not_fit():
         hinfstruct(PLANT, 1, 1, hard_goals=[RollOffGoal(slope=3, corner=10.0)])
     with pytest.raises(ValueError, match="P is 1 x 1: n_meas = 1 and n_con = 1 leave no w, z, u or y"):
         hinfstruct(gain([[1.0]]), 1, 1)
+    with pytest.raises(ValueError, match="the weight has 3 inputs, must have 2, one for each output"):
+        hinfstruct(PLANT, 1, 1, soft_goal=GainGoal(weight=gain(np.eye(3))))
+    with pytest.raises(ValueError, match="3 measurements can't be shared out among 2 controls"):
+        decoupled_structure(1, 3, 2)
+    with pytest.raises(ValueError, match=r"cutoff is 0\.0, must be positive"):
+        tunable_pid("K", input=0, output=0, cutoff=0.0)
+    with pytest.raises(ValueError, match="order is 1, must be 2 or more"):
+        tunable_observer("K", 1, input=0, output=0, leak=0.05)
+
+
+def test_hinfstruct_returns_no_controller_whose_loop_fails_the_check(monkeypatch):
+    monkeypatch.setattr(structured, "hinf_norm", lambda _loop: Peak(gain=np.inf, omega=1.0))
+    with pytest.raises(DesignError, match="rounding spoilt the controller: its closed loop is unstable"):
+        hinfstruct(PLANT, 1, 1, starts=1)
+
+
+def quiet(_fraction: float, _text: str) -> None:
+    """Tell nothing of a search's progress."""
+
+
+@pytest.mark.parametrize(
+    ("solve", "told"),
+    [
+        (
+            lambda design, problem: solve_structured(design, problem, order=6, starts=1, seed=1, progress=quiet),
+            "design aided has an accelerometer: its law is the central controller alone",
+        ),
+        (
+            lambda design, problem: solve_mu(design, problem, envelope=Envelope(angle=0.3, rate=0.5), progress=quiet),
+            "design aided: certify supports gyro-only designs: the leak differs between axes",
+        ),
+    ],
+)
+def test_a_design_with_an_accelerometer_is_refused_where_only_gyros_do(solve, told):
+    with pytest.raises(DesignError, match=told):
+        derive(load_design("aided"), solve=solve)
+
+
+def test_a_design_names_what_its_options_exclude_and_a_sample_that_is_too_long():
+    loop = InnerLoop(omega=10.0, damping=0.7)
+    loops = InnerLoops(name="stock", roll=loop, pitch=loop, yaw=loop)
+    with pytest.raises(ValueError, match="inner is for a law with rate_loop_lag and without W_r"):
+        dataclasses.replace(load_design("D1"), inner=loops)
+    with pytest.raises(DesignError, match=r"design D1, sampled every 1\.0 s and one sample late: the loop is unstable"):
+        derive(dataclasses.replace(load_design("D1"), dt=1.0))
+
+
+def test_a_rate_law_whose_crossovers_stay_too_fast_is_refused(monkeypatch):
+    loop = InnerLoop(omega=10.0, damping=0.7)
+    fast = SimpleNamespace(sampled=SimpleNamespace(input=[SimpleNamespace(crossover=1e3)] * 3))
+    monkeypatch.setattr(rate_law, "derive", lambda *_design: (None, fast))
+    with pytest.raises(DesignError, match="design R1-stock: no weight of the command has the crossovers"):
+        rate_law.derive_over(load_design("R1"), InnerLoops(name="stock", roll=loop, pitch=loop, yaw=loop))
+
+
+def test_a_search_for_weights_without_any_law_is_refused(monkeypatch):
+    def solve(*_problem: object) -> None:
+        raise DesignError("no controller")
+
+    monkeypatch.setattr(weights_search, "solve_central", solve)
+    vehicle, limits = load_vehicle("paper"), TuningLimits(sensitivity_peak=1.4, slew=20.0)
+    with pytest.raises(DesignError, match="design D1: no weights stabilise vehicle 'paper'"):
+        weights_search.search_weights(load_design("D1"), vehicle, load_scenario("paper-turbulence"), limits, ())
 
 
 def test_musyn_gives_up_a_level_that_does_not_settle(monkeypatch):
@@ -119,3 +230,26 @@ def test_lpvsyn_names_a_feedthrough_beyond_the_level():
     plant = reconstruction.Plant(**parts, **D)
     with pytest.raises(DesignError, match=r"D11 at \(1.0,\) alone exceeds the level 3"):
         reconstruction._feedthrough(plant, (1.0,), 3.0)
+
+
+def lag(pole: float, *, control: float = 1.0, seen: float = 1.0) -> Lti:
+    D = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]])
+    return Lti(A=[[pole]], B=[[1.0, 0.0, control]], C=[[1.0], [0.0], [seen]], D=D)
+
+
+@pytest.mark.parametrize(
+    ("plants", "told"),
+    [
+        ((lag(1.0, control=0.0, seen=0.0), lag(2.0, control=0.0, seen=0.0)), "the inequalities have no solution$"),
+        ((lag(1.0), lag(1.0, control=-1.0)), "a frozen loop between the points of the grid is unstable"),
+    ],
+)
+def test_lpvsyn_names_what_no_controller_does_on_a_grid(plants, told):
+    with pytest.raises(DesignError, match=told):
+        lpvsyn(dict(zip(((1.0,), (2.0,)), plants, strict=True)), 1, 1)
+
+
+def test_lpvsyn_returns_no_controller_whose_loop_fails_the_check(monkeypatch):
+    monkeypatch.setattr(lpv, "proven_level", lambda *_loop: 9.0)
+    with pytest.raises(DesignError, match=r"rounding spoilt the controllers at gamma = .*: their gain is 9"):
+        lpvsyn({(1.0,): lag(-1.0), (2.0,): lag(-2.0)}, 1, 1)

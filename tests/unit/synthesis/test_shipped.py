@@ -3,6 +3,7 @@
 import itertools
 import statistics
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ def assert_same(law: Law, shipped: Law, *, rtol: float) -> None:
     assert law.provenance.parameters == pytest.approx(shipped.provenance.parameters, rel=rtol)
 
 
+@cache
 def flown(law: str, scenario_name: str) -> list[Metrics]:
     vehicle, scenario = load_vehicle("paper"), load_scenario(scenario_name)
     return [

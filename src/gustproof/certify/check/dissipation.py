@@ -3,7 +3,8 @@
 Part of the check: rational arithmetic only; doubles choose coordinates, on which no proof rests. The system is
 `x' = A x + B (p, w)`, `(q, z) = C x + D (p, w)`, closed by `p = Delta q`. Delta holds real numbers
 `|delta_i(t)| <= 1`, each times an identity, and other parts, of which `quadratic_constraints` are known. The numbers of
-the system may be known up to a share only: then the forms are those of every such system.
+the system may be known up to a share only, or up to distances of their own, `radius`. The forms are then those of every
+such system.
 """
 
 import math
@@ -53,7 +54,7 @@ class Ball(NamedTuple):
             W = to_rational(np.linalg.inv(np.linalg.cholesky(np.array(self.middle, dtype=np.float64))).tolist())
         except np.linalg.LinAlgError:
             return False
-        form = _product(_shorten(_product(exact(W), _shorten(self))), exact(transpose(W)))
+        form = ball_product(_shorten(ball_product(exact(W), _shorten(self))), exact(transpose(W)))
         for i, (row, off) in enumerate(zip(form.middle, form.radius, strict=True)):
             if not 2 * row[i] > sum(map(abs, row)) + sum(off):
                 return False
@@ -76,7 +77,8 @@ def _are_exact(*balls: Ball) -> bool:
     return not any(any(map(any, ball.radius)) for ball in balls)
 
 
-def _plus(*terms: Ball) -> Ball:
+def ball_sum(*terms: Ball) -> Ball:
+    """Return a ball that holds all sums of matrices of the balls."""
     middle = add(*(term.middle for term in terms))
     return exact(middle) if _are_exact(*terms) else Ball(middle, add(*(term.radius for term in terms)))
 
@@ -90,7 +92,8 @@ def _turned(A: Ball) -> Ball:
     return Ball(transpose(A.middle), transpose(A.radius))
 
 
-def _product(A: Ball, B: Ball) -> Ball:
+def ball_product(A: Ball, B: Ball) -> Ball:
+    """Return a ball that holds all products of matrices of two balls."""
     middle = multiply(A.middle, B.middle)
     if _are_exact(A, B):
         return exact(middle)
@@ -139,7 +142,7 @@ def gain_inequality(level: Fraction, evidence: dict[str, Any], share: Fraction =
     """
     system = _System(evidence, share)
     storage = system.storage(lyapunov_matrix(evidence, evidence["P"]))
-    return _times(-1, _plus(storage, system.supply(level), *system.constraint_terms(evidence["blocks"])))
+    return _times(-1, ball_sum(storage, system.supply(level), *system.constraint_terms(evidence["blocks"])))
 
 
 def stability_inequality(evidence: dict[str, Any], share: Fraction = Fraction(0)) -> Ball:
@@ -189,11 +192,11 @@ def rate_bounded_inequalities(
         errors = Ball([], [])
         for block, sign in zip(slow, signs, strict=True):
             rows = system.rows[block]
-            error = _plus(exact(system.p[rows]), _times(-sign, system.q(rows)))
+            error = ball_sum(exact(system.p[rows]), _times(-sign, system.q(rows)))
             errors = Ball(errors.middle + error.middle, errors.radius + error.radius)
-        cross = _product(_turned(errors), free)
-        storage = _plus(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(P_rate, system.x))))
-        yield _times(-1, _plus(storage, cross, _turned(cross), supply, *system.constraint_terms(scalings)))
+        cross = ball_product(_turned(errors), free)
+        storage = ball_sum(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(P_rate, system.x))))
+        yield _times(-1, ball_sum(storage, cross, _turned(cross), supply, *system.constraint_terms(scalings)))
 
 
 def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
@@ -226,7 +229,8 @@ class _System:
         k, slow = self.rows[-1].stop, "vertices" in evidence
         filters = [Filter([], []) if slow else make_filter(block) for block in self._blocks]
         A, B, C, D = _read_system(evidence, k)
-        self._D, self._C = D[:k], _widen(C, share)
+        wide = _within_rounding(evidence.get("radius"), {"A": A, "B": B, "C": C, "D": D}, share)
+        self._D, self._C = D[:k], wide["C"]
         plant, m = len(A), len(D[0])
         states = _slices(plant, [len(part.A) for part in filters])
         n = states[-1].stop
@@ -236,8 +240,8 @@ class _System:
         self.p, self.w, self._n_q = rest[:k], rest[k:], k
         self._states = [self.x[own] for own in states]
         own = exact(S[:plant])
-        derivative = _join(_product(_widen(A, share), own), _widen(B, share))
-        output = _join(_product(self._C, own), self._widen_feedthrough(D, share))
+        derivative = _join(ball_product(wide["A"], own), wide["B"])
+        output = _join(ball_product(wide["C"], own), self._keep_zeros(wide["D"]))
         self._output, self._derivative = (_shorten(rows) if share else rows for rows in (output, derivative))
         self._add_filters(filters)
 
@@ -245,17 +249,17 @@ class _System:
         for part, rows, states in zip(filters, self.rows, self._states, strict=True):
             if part.A:
                 inputs = _stack(self.q(rows), exact(self.p[rows]))
-                slopes = _plus(exact(multiply(part.A, states)), _product(exact(part.B), inputs))
+                slopes = ball_sum(exact(multiply(part.A, states)), ball_product(exact(part.B), inputs))
                 self._derivative = _stack(self._derivative, slopes)
 
-    def _widen_feedthrough(self, D: RationalMatrix, share: Fraction) -> Ball:
+    def _keep_zeros(self, D: Ball) -> Ball:
         """Return D within its rounding; in the rows of parts that are no parameters a zero is none of rounding's."""
-        wide = _widen(D, share)
+        radius = [list(row) for row in D.radius]
         for block, rows in zip(self._blocks, self.rows, strict=True):
             if kind_of(block) != "real":
-                for row, off in zip(D[rows], wide.radius[rows], strict=True):
+                for row, off in zip(D.middle[rows], radius[rows], strict=True):
                     off[:] = [r if value else Fraction(0) for value, r in zip(row, off, strict=True)]
-        return wide
+        return Ball(D.middle, radius)
 
     def check_order(self) -> None:
         """Raise `Refusal` unless each part that is no parameter sees at once the outputs of earlier such parts only.
@@ -282,17 +286,17 @@ class _System:
         """Return the derivative of inputs of Delta that do not jump."""
         plant = slice(len(self._C.middle[0]))
         C = Ball(self._C.middle[rows], self._C.radius[rows])
-        return _product(C, Ball(self._derivative.middle[plant], self._derivative.radius[plant]))
+        return ball_product(C, Ball(self._derivative.middle[plant], self._derivative.radius[plant]))
 
     def storage(self, P: RationalMatrix) -> Ball:
         """Return the form of 2 x' P x'."""
-        half = _product(exact(multiply(transpose(self.x), P)), self._derivative)
-        return _plus(half, _turned(half))
+        half = ball_product(exact(multiply(transpose(self.x), P)), self._derivative)
+        return ball_sum(half, _turned(half))
 
     def supply(self, level: Fraction) -> Ball:
         """Return the form of |z|^2 - level^2 |w|^2."""
         z, w = self.q(slice(self._n_q, None)), multiply(transpose(self.w), self.w)
-        return _plus(_product(_turned(z), z), exact(scale(-level * level, w)))
+        return ball_sum(ball_product(_turned(z), z), exact(scale(-level * level, w)))
 
     def constraint_terms(self, multipliers: list[dict[str, Any]]) -> Iterator[Ball]:
         """Yield the form of each part's constraint."""
@@ -301,7 +305,7 @@ class _System:
             if needs_rate(block):
                 signals.append(self._rate(rows))
             z = _stack(*signals)
-            yield _product(_turned(z), _product(exact(constraint_form(block, item)), z))
+            yield ball_product(_turned(z), ball_product(exact(constraint_form(block, item)), z))
 
 
 def _slices(start: int, sizes: list[int]) -> list[slice]:
@@ -329,13 +333,20 @@ def _coordinates(evidence: dict[str, Any]) -> RationalMatrix:
     return to_rational(np.linalg.inv(np.array(evidence["coordinates"], dtype=np.float64)).tolist())
 
 
-def _widen(A: RationalMatrix, share: Fraction) -> Ball:
+def widen(A: RationalMatrix, share: Fraction) -> Ball:
     """Return the matrices whose entries differ by `share` of the largest of their row and column."""
     if not share:
         return exact(A)
     rows = [max(map(abs, row), default=Fraction(0)) for row in A]
     columns = [max(map(abs, column), default=Fraction(0)) for column in zip(*A, strict=True)]
     return Ball(A, [[share * max(row, column) for column in columns] for row in rows])
+
+
+def _within_rounding(
+    radius: dict[str, RationalMatrix] | None, matrices: dict[str, RationalMatrix], share: Fraction
+) -> dict[str, Ball]:
+    """Return matrices within distances of their own, or within `share` if none are known."""
+    return {name: Ball(M, radius[name]) if radius else widen(M, share) for name, M in matrices.items()}
 
 
 def _join(A: Ball, B: Ball) -> Ball:

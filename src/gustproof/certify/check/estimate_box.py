@@ -58,6 +58,10 @@ class Case(NamedTuple):
     """[rad/s] rms of a gyro sample."""
     deviations: Fraction
     """[-] bound of the noise in its rms."""
+    free: bool = False
+    """True if the moment is any function of time between the samples; only a law that reads tilt can tell."""
+    slope: tuple[Fraction, ...] = (Fraction(0),) * 3
+    """(3,) [N*m/s] B, largest slope of the moment within a sample; likewise."""
 
 
 def map_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> Box:
@@ -120,7 +124,7 @@ def bound_signals(
 
     The latter enter through the distance of inertia and lag from a cell's centre, and between the samples.
     """
-    h, m = up(system.dt), norms.entries.shape[2]
+    h = up(system.dt)
     torque, demand, held = (up(value) for value in (row[TORQUE], row[DEMAND], causes.held))
     inputs, a = axis_inputs(system, norms, row, causes)
     signals = (
@@ -129,8 +133,8 @@ def bound_signals(
         + norms.gyro * up(causes.gyro)
         + norms.noise * up(causes.noise)
     )
-    signals[:, m] += inputs[:, OMEGA]  # a change before the sample has ended counts in full
-    signals[:, m + 1 :] += norms.demand_gyro * up(causes.gyro + causes.noise) + held
+    signals[:, SLEW + 1] += inputs[:, OMEGA]  # a change before the sample has ended counts in full
+    signals[:, GAP + 1 :] += norms.demand_gyro * up(causes.gyro + causes.noise) + held
     # Between samples: half of h a from the input, and a chord with h^2 / 8 times the torque's second derivative.
     bend = h * h / 8.0 * (demand + torque) * np.sum(norms.inverse_lag, axis=1) * np.sum(norms.inverse_inertia, axis=1)
     drag = up(system.damping[axis] * row[PEAK_RATE])
@@ -164,10 +168,10 @@ def up(value: Fraction) -> float:
     return float(value) * UP
 
 
-def check_box(system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box) -> None:
-    """Raise `Refusal` unless the box maps into itself and lies within the limits of law, vehicle and gyro."""
-    for axis, (inside, follows) in enumerate(zip(box, map_box(system, norms, case, box), strict=True)):
-        for k, (bound, value) in enumerate(zip(inside, follows, strict=True)):
+def check_box(system: LoopSystem, case: Case, box: Box, follows: Box) -> None:
+    """Raise `Refusal` unless what `follows` of a box lies within it, and it within the limits of law and vehicle."""
+    for axis, (inside, mapped) in enumerate(zip(box, follows, strict=True)):
+        for k, (bound, value) in enumerate(zip(inside, mapped, strict=True)):
             if not value <= bound:
                 raise Refusal(f"axis {axis}: the bound {k} does not close: {float(value)} above {float(bound)}")
         if not is_within_limits(system, inside, axis):

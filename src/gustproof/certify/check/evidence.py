@@ -24,10 +24,12 @@ from gustproof.certify.check.dissipation import (
     stability_inequality,
     vertices,
 )
-from gustproof.certify.check.flight_box import KIND, prove_flight_box
+from gustproof.certify.check.flight_box import KIND, Proof, prove_flight_box
+from gustproof.certify.check.gaussian_box import KIND as CHANCE
+from gustproof.certify.check.gaussian_box import prove_chance
 from gustproof.certify.check.quadratic_constraints import check_multipliers, kind_of
 from gustproof.certify.check.system import Refusal, finite
-from gustproof.lti.rational import is_positive_definite, to_rational
+from gustproof.lti.rational import RationalMatrix, is_positive_definite, to_rational
 
 FORMAT = "gustproof-certificate-1"
 ROUNDING = Fraction(1, 1 << 40)
@@ -48,6 +50,13 @@ class DerivedLoop(NamedTuple):
     """[1/s] speed of each normalised parameter, already above rounding; `None` for any speed."""
     parts: list[dict[str, Any]]
     """Entries that make a block other than a real parameter: kind, and largest delay [s] or oddness."""
+    radius: dict[str, RationalMatrix] | None = None
+    """Distances of the numbers of A, B, C and D from those of the loop; `None` for `ROUNDING` of the largest each."""
+
+    @property
+    def source(self) -> str:
+        """Files that it was derived from, in words."""
+        return "the design" if self.radius is None else "the law's file and its design"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,11 +74,17 @@ class CheckResult:
 
 
 def check_certificate(
-    certificate_json: str, *, law: str | None = None, vehicle: str | None = None, loop: DerivedLoop | None = None
+    certificate_json: str,
+    *,
+    law: str | None = None,
+    vehicle: str | None = None,
+    scenario: str | None = None,
+    loop: DerivedLoop | None = None,
 ) -> CheckResult:
     """Return whether the evidence of a certificate, given as the text of its file, proves its claim.
 
-    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too. That of a gain is checked for
+    A certificate of a flight's box needs the texts of its `law` and `vehicle` files too, and one of its chance that of
+    the `scenario` file. That of a gain is checked for
     the `loop`, if one is given, in place of the one that it holds. The seal is a checksum, no
     signature: it shows damage, not forgery. Any text gets a verdict; nothing is raised.
 
@@ -89,7 +104,9 @@ def check_certificate(
         if set(document) != {"format", "evidence"}:
             raise Refusal("a certificate holds evidence alone: its claim is made from that")
         if document["evidence"]["kind"] == KIND:
-            return _check_flight_box(document["evidence"], law, vehicle)
+            return _accept(_check_flight_box(document["evidence"], law, vehicle))
+        if document["evidence"]["kind"] == CHANCE:
+            return _accept(_check_chance(document["evidence"], law, vehicle, scenario))
         return check_evidence(document["evidence"], loop)
     except Refusal as refusal:
         return CheckResult(accepted=False, reason=str(refusal))
@@ -111,10 +128,19 @@ def _refuse_constant(name: str) -> None:
     raise Refusal(f"{name} is no number")
 
 
-def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> CheckResult:
+def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> Proof:
     if law is None or vehicle is None:
         raise Refusal("a flight's box is proved of its law and vehicle files: give both")
-    proof = prove_flight_box(evidence, law, vehicle)
+    return prove_flight_box(evidence, law, vehicle)
+
+
+def _check_chance(evidence: dict[str, Any], law: str | None, vehicle: str | None, scenario: str | None) -> Proof:
+    if law is None or vehicle is None or scenario is None:
+        raise Refusal("a flight's chance is proved of its law, vehicle and scenario files: give all three")
+    return prove_chance(evidence, law, vehicle, scenario)
+
+
+def _accept(proof: Proof) -> CheckResult:
     return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 
@@ -140,8 +166,8 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     plant, share = "the continuous linear system of the evidence, closed by Delta", Fraction(0)
     if loop is not None:
         _check_blocks_of(loop, evidence["blocks"])
-        evidence = {**evidence, "system": loop.system}
-        plant = "the continuous linear system derived from the design, and all within its rounding, closed by Delta"
+        evidence = {**evidence, "system": loop.system, "radius": loop.radius}
+        plant = f"the continuous linear system derived from {loop.source}, and all within its rounding, closed by Delta"
         share = ROUNDING
     prove(level, evidence, share)
     assumes = {

@@ -11,12 +11,16 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from gustproof.certify.check.attitude_offset import strapdown_box
-from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations
-from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, axis_norms
+from gustproof.certify.check.estimate_box import DEMAND, Box, Case, check_box, least_deviations, map_box
+from gustproof.certify.check.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
+from gustproof.certify.check.levelled_box import levelled_truth, map_levelled_box
+from gustproof.certify.check.levelled_norms import LevelledNorms, levelled_norms
 from gustproof.certify.check.system import LoopSystem, Refusal, finite, is_strapdown, read_system, sha256
 from gustproof.certify.check.truth_drift import Disturbance, blind_angles, truth_bound
 
 KIND = "boundedness"
+Norms = list[AxisNorms] | list[LevelledNorms]
+"""Norms of the three axes, of a law of gyros or of one that reads tilt."""
 KEYS = frozenset(
     {"kind", "law_sha256", "vehicle_sha256", "moment", "part", "moment_class", "slope", "horizon", "noise", "risk"}
     | {"inertia_spread", "lag_spread", "cells", "samples", "box"}
@@ -101,11 +105,32 @@ def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str)
             raise Refusal(f"the {name} file is not the one of this certificate: its SHA-256 is {sha256(text)}")
     claim = read_claim(evidence)
     system = spread_system(read_system(law_text, vehicle_text), claim)
-    norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
-    if [len(row) for row in claim.box] != [norms[0].excess.shape[1] + 1] * 3:
+    norms, case = flight_norms(system, claim.samples), make_case(system, claim)
+    if [len(row) for row in claim.box] != [count_signals(norms)] * 3:
         raise Refusal("the box does not bound every signal of every axis")
-    check_box(system, norms, make_case(system, claim), claim.box)
+    check_box(system, case, claim.box, map_flight(system, norms, case, claim.box))
     return describe(system, claim)
+
+
+def flight_norms(system: LoopSystem, samples: int) -> Norms:
+    """Return the norms of the three axes from a simulation of `samples`; raises `Refusal` as their functions do."""
+    if system.tilt is None:
+        return [axis_norms(system, axis, samples) for axis in range(3)]
+    return [levelled_norms(system, axis, samples) for axis in range(3)]
+
+
+def count_signals(norms: Norms) -> int:
+    """Return the number of bounds in a row of a box."""
+    first = norms[0]
+    return int((first.axis if isinstance(first, LevelledNorms) else first).excess.shape[1]) + 1
+
+
+def map_flight(system: LoopSystem, norms: Norms, case: Case, box: Box) -> Box:
+    """Return the bounds that follow from those of a box, by the theorem for the law; raises ValueError as they do."""
+    levelled = [item for item in norms if isinstance(item, LevelledNorms)]
+    if levelled:
+        return map_levelled_box(system, levelled, case, box)
+    return map_box(system, [item for item in norms if isinstance(item, AxisNorms)], case, box)
 
 
 def read_claim(evidence: dict[str, Any]) -> Claim:
@@ -120,7 +145,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ KEYS))}")
     if evidence["kind"] != KIND:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    moment = _bounds("moment", evidence["moment"])
+    moment = read_bounds("moment", evidence["moment"])
     if max(moment) == 0:
         raise Refusal("moment is 0, must be positive about an axis")
     part, noise, risk = (finite(name, evidence[name]) for name in ("part", "noise", "risk"))
@@ -131,7 +156,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
     if not (LEAST_RISK <= risk < 1 if noise else risk == 0):
         raise Refusal(f"risk is {float(risk)}, must be a probability, {float(LEAST_RISK):g} or more; 0 without noise")
     moment_class = MomentClass(evidence["moment_class"])
-    slope = _bounds("slope", evidence["slope"])
+    slope = read_bounds("slope", evidence["slope"])
     if (moment_class is MomentClass.SLOPE) != (max(slope) > 0):
         raise Refusal("a slope belongs to moments of class 'slope', and to no other")
     horizon = None if evidence["horizon"] is None else finite("horizon", evidence["horizon"])
@@ -148,7 +173,7 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
             raise Refusal(f"samples and cells are {samples!r} and {cells!r}, must be whole numbers")
     if not all(1 <= value <= MOST_CELLS for value in cells):
         raise Refusal(f"cells are {cells}, must be 1 to {MOST_CELLS}")
-    box = [_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
+    box = [read_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
     return Claim(
         moment=moment,
         part=part,
@@ -166,7 +191,17 @@ def read_claim(evidence: dict[str, Any]) -> Claim:
 
 
 def spread_system(system: LoopSystem, claim: Claim) -> LoopSystem:
-    """Return the loop with the spreads of a claim."""
+    """Return the loop with the spreads of a claim.
+
+    Raises
+    ------
+    Refusal
+        If the law reads tilt and the claim has noise or spreads.
+    """
+    if system.tilt is not None and (claim.noise or claim.inertia_spread or claim.lag_spread):
+        raise Refusal(
+            f"law '{system.name}' reads the accelerometer: its box is proved without noise and with nominal values"
+        )
     return system._replace(inertia_spread=claim.inertia_spread, lag_spread=claim.lag_spread, cells=claim.cells)
 
 
@@ -174,7 +209,8 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
     """Return the disturbances of a claim; the noise's bound takes half of the risk, the truth's drift the rest."""
     moment = [claim.part * value for value in claim.moment]
     if claim.noise == 0:
-        return Case(moment, Fraction(0), Fraction(0))
+        free = claim.moment_class is MomentClass.ANY
+        return Case(moment, Fraction(0), Fraction(0), free, tuple(claim.slope))
     period = RISK_PERIOD if claim.horizon is None else claim.horizon
     # signals and gyro of each axis at each sample
     count = 3 * (9 + Fraction(len(system.A), 3)) * (math.ceil(period / system.dt) + 2)
@@ -183,7 +219,7 @@ def make_case(system: LoopSystem, claim: Claim) -> Case:
 
 def describe(system: LoopSystem, claim: Claim) -> Proof:
     """Return statement, figures and assumptions of a claim whose box closes."""
-    estimate_deg = [_degrees_up(row[X0]) for row in claim.box]
+    estimate_deg = [degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)
     figures = {
         "part": float(claim.part),
@@ -195,8 +231,10 @@ def describe(system: LoopSystem, claim: Claim) -> Proof:
     return Proof(_statement(system, claim, figures, why), figures, _assumptions(system, claim))
 
 
-def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float] | None, str]:
+def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float | None] | None, str]:
     """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
+    if system.tilt is not None:
+        return [*map(degrees_up, levelled_truth(system, claim.box)), None], ""
     if claim.horizon is None:
         return None, "without a horizon the truth has no bound: gyros do not observe attitude"
     moment = [claim.part * value for value in claim.moment]
@@ -215,14 +253,14 @@ def _truth_deg(system: LoopSystem, claim: Claim) -> tuple[list[float] | None, st
         truth = truth_bound(system, case, box, disturbance)
     except Refusal as refusal:
         return None, str(refusal)
-    return [_degrees_up(value) for value in truth], ""
+    return [degrees_up(value) for value in truth], ""
 
 
 def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: str) -> str:
     moment = ", ".join(f"{float(claim.part * value):.4g}" for value in claim.moment)
     words = (
-        f"law '{system.name}' keeps its own attitude within {_list_up(figures['estimate_deg'])} deg for ever and its "
-        f"torque below {_list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
+        f"law '{system.name}' keeps its own attitude within {list_up(figures['estimate_deg'])} deg for ever and its "
+        f"torque below {list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
     )
     if claim.inertia_spread or claim.lag_spread:
         inertia, lag = float(100 * claim.inertia_spread), float(100 * claim.lag_spread)
@@ -231,18 +269,24 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
         period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
         words += f", with gyro noise of {float(claim.noise):g} rad/s rms"
         words += f" but for a risk of {float(claim.risk):g} in {period:g} s"
-    if figures["truth_deg"] is None or claim.horizon is None:
-        return f"{words}; {why}"
+    return f"{words}; {why or _state_truth(system, claim, figures['truth_deg'])}"
+
+
+def _state_truth(system: LoopSystem, claim: Claim, truth: list[float | None]) -> str:
     between = {
         MomentClass.HELD: "a moment held over each sample",
-        MomentClass.SLOPE: f"slopes below {_list_up(map(float, claim.slope))} N*m/s within a sample",
+        MomentClass.SLOPE: f"slopes below {list_up(map(float, claim.slope))} N*m/s within a sample",
         MomentClass.ANY: "a moment that is any function of time",
     }[claim.moment_class]
-    truth = _list_up(figures["truth_deg"])
-    words += f"; for {float(claim.horizon):g} s the true attitude stays within {truth} deg, under {between}"
+    bounds = list_up(value for value in truth if value is not None)
+    if system.tilt is not None:
+        words = f"the true roll and pitch stay within {bounds} deg for ever, under {between}"
+        return f"{words}; the true heading has no bound: an accelerometer does not observe it"
+    horizon = claim.horizon or Fraction(0)
+    words = f"for {float(horizon):g} s the true attitude stays within {bounds} deg, under {between}"
     if claim.moment_class is MomentClass.ANY:
         moments = [claim.part * value for value in claim.moment]
-        blind = blind_angles(system, moments, math.floor(claim.horizon / system.dt))
+        blind = blind_angles(system, moments, math.floor(horizon / system.dt))
         angles = ", ".join(f"{math.floor(100.0 * math.degrees(value)) / 100.0:g}" for value in blind)
         words += f" (a square wave in step with the samples turns any law of this gyro by {angles} deg, unseen)"
     return words
@@ -250,9 +294,10 @@ def _statement(system: LoopSystem, claim: Claim, figures: dict[str, Any], why: s
 
 def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
     period = RISK_PERIOD if claim.horizon is None else float(claim.horizon)
+    sensors = "gyro without bias" if system.tilt is None else "gyro and accelerometer without bias and noise"
     return {
-        "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, gyro "
-        "without bias, float32 on the wire",
+        "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, "
+        f"{sensors}, float32 on the wire",
         "air": "all its moments lie within the bound",
         "law": system.name,
         "moment_N_m": [float(value) for value in claim.moment],
@@ -273,17 +318,18 @@ def _assumptions(system: LoopSystem, claim: Claim) -> dict[str, Any]:
     }
 
 
-def _list_up(values: Iterable[float]) -> str:
+def list_up(values: Iterable[float]) -> str:
     """Return bounds to three decimals, none rounded down."""
     return ", ".join(f"{math.ceil(1e3 * value) / 1e3:g}" for value in values)
 
 
-def _degrees_up(angle: Fraction) -> float:
+def degrees_up(angle: Fraction) -> float:
     """Return an angle [rad] in degrees, not rounded down."""
     return math.ceil(1e6 * math.degrees(float(angle)) + 1e-3) / 1e6
 
 
-def _bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+def read_bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+    """Return numbers of the evidence, none negative; refuse anything else."""
     if not isinstance(values, list) or len(values) != count:
         raise Refusal(f"{name} must be {count} numbers")
     numbers = [finite(name, value) for value in values]

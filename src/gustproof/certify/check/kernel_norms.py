@@ -179,7 +179,7 @@ def axis_loop(system: LoopSystem, axis: int, inverse_inertia: Array, inverse_lag
     own = list(range(axis, len(system.A), 3))
     demand, demand_gyro = _demand(system, axis)
     m = len(demand)
-    plants = {value: _plant(system, axis, value) for value in set(inverse_lag.tolist())}
+    plants = {value: sample_map(system, axis, value)[:2] for value in set(inverse_lag.tolist())}
     plant = np.array([plants[value] for value in inverse_lag.tolist()])
     plant[:, OMEGA, TORQUE:] *= inverse_inertia[:, None]  # torque acts through one over the inertia alone
     Phi, gyro = np.zeros((len(plant), m, m)), np.zeros((len(plant), m))
@@ -213,10 +213,10 @@ def _demand(system: LoopSystem, axis: int) -> tuple[Array, float]:
     return demand, -(p + d)
 
 
-def _plant(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[float]]:
-    """Return rate and torque of an axis, for a unit inertia, after a sample by rate, torque and command before it.
+def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[float]]:
+    """Return rate, torque, command and angle of an axis, for a unit inertia, after a sample by the same before it.
 
-    The exponential series in rational numbers; each entry is the double nearest to it.
+    The exponential series in rational numbers; each entry is the double nearest to it. The angle integrates the rate.
 
     Raises
     ------
@@ -224,18 +224,15 @@ def _plant(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[float
         If a sample is too long for the series.
     """
     damping, bandwidth = system.damping[axis], Fraction(inverse_lag)
-    generator = [
-        [-damping, Fraction(1), Fraction(0)],
-        [Fraction(0), -bandwidth, bandwidth],
-        [Fraction(0)] * 3,
-    ]
-    if max(damping, bandwidth, Fraction(1)) * system.dt > 4:
+    one, none = Fraction(1), Fraction(0)
+    generator = [[-damping, one, none, none], [none, -bandwidth, bandwidth, none], [none] * 4, [one, none, none, none]]
+    if max(damping, bandwidth, one) * system.dt > 4:
         raise Refusal("a sample is too long for the vehicle's time constants")
-    total = term = identity(3)
+    total = term = identity(4)
     for k in range(1, 64):  # 8^64 / 64! < 2^-103, far below the last bit of every entry
         term = [[round_up(system.dt * value / k, 256) for value in row] for row in multiply(term, generator)]
         total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
-    return [[float(value) for value in row] for row in total[:2]]
+    return [[float(value) for value in row] for row in total]
 
 
 def _add_tails(

@@ -13,6 +13,10 @@ from typing import Any, NamedTuple
 from gustproof.lti.rational import to_rational
 
 TORQUE, RATES = "torque", "rates"
+_LEVELLED = 8
+"""Columns of B and D of a law that reads the accelerometer: gyro, reference, tilt."""
+_GRAVITY = Fraction(10)
+"""[m/s^2] more than gravity."""
 _MOST_STATES = 48
 """Largest order of a law; bounds the time of a check."""
 
@@ -50,6 +54,15 @@ class RateLimit(NamedTuple):
     """(3,) [rad/s] largest commanded rate."""
 
 
+class Tilt(NamedTuple):
+    """Part of a law that reads roll and pitch of the specific force, which on a stand is gravity alone."""
+
+    B: Rows
+    """(n, 2) [1/rad] tilt to next state."""
+    D: Rows
+    """(3, 2) [N*m/rad] tilt to command."""
+
+
 class LoopSystem(NamedTuple):
     """Numbers of a law and a vehicle, as far as a flight within the limits depends on them."""
 
@@ -83,6 +96,8 @@ class LoopSystem(NamedTuple):
     """Limit of the rate commanded from attitude; `None` without one."""
     rate_loop: RateLoop | None
     """On-board loop that tracks the commanded rates; `None` for a law that commands torque."""
+    tilt: Tilt | None
+    """Part that reads the accelerometer; `None` for a law of gyros alone."""
     inertia_spread: Fraction = Fraction(0)
     """[-] the moments of inertia are constant, unknown, and each within this share of its value."""
     lag_spread: Fraction = Fraction(0)
@@ -122,7 +137,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     Raises
     ------
     Refusal
-        If the law reads the accelerometer, has a schedule or couples its axes, or a number is out of range.
+        If the law has a schedule or couples its axes, or a number is out of range.
     """
     law, vehicle = json.loads(law_text), tomllib.loads(vehicle_text)
     if not law["name"].isprintable() or "'" in law["name"]:
@@ -133,17 +148,19 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         raise Refusal(
             f"law '{law['name']}' is scheduled on attitude and rates, the proof is about laws without schedule"
         )
+    law, levelled = _arranged(law), len(law["D"][0]) == _LEVELLED
     n = len(law["A"])
     columns = {len(row) for name in "BD" for row in law[name]}
-    if columns != {6}:
-        raise Refusal(f"law '{law['name']}' reads the accelerometer, the proof is about laws of gyros alone")
+    if columns != {_LEVELLED if levelled else 6}:
+        raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
     if n % 3 or not 6 <= n <= _MOST_STATES:
         raise Refusal(f"law '{law['name']}' has {n} states, must have 2 to {_MOST_STATES // 3} for each of three axes")
     gyro = {name: [row[:3] for row in law[name]] for name in "BD"}
-    rows = (law["A"], gyro["B"], law["C"], gyro["D"], law["G"])
+    tilt = [[row[6:] for row in law[name]] for name in "BD"] if levelled else []
+    rows = (law["A"], gyro["B"], law["C"], gyro["D"], law["G"], *tilt)
     matrices = [tuple(map(tuple, to_rational(matrix))) for matrix in rows]
-    shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3)]
-    if any((len(M), len(M[0])) != shape for M, shape in zip(matrices, shapes, strict=True)):
+    shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3), (n, 2), (3, 2)]
+    if any((len(M), len(M[0])) != shape for M, shape in zip(matrices, shapes, strict=False)):
         raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
     if any(value for M in matrices for i, row in enumerate(M) for j, value in enumerate(row) if (i - j) % 3):
         raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
@@ -169,7 +186,58 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
         rate_limit=_read_rate_limit(law, n),
         rate_loop=_read_rate_loop(vehicle["stabilizer"], inertia, dt) if tracks else None,
+        tilt=_read_tilt(law, vehicle, matrices[5:]) if levelled else None,
     )
+
+
+def _read_tilt(law: dict[str, Any], vehicle: dict[str, Any], matrices: list[Rows]) -> Tilt:
+    """Return the part of a law that reads tilt, of an accelerometer that measures gravity whole."""
+    if law["output"] != TORQUE:
+        raise Refusal(f"law '{law['name']}' reads the accelerometer and commands rates: no proof is known")
+    if not any(map(any, law["G"])):
+        raise Refusal(f"law '{law['name']}' reads the accelerometer and has no kinematics: no proof is known")
+    span = vehicle.get("accelerometer", {}).get("range")
+    if span is not None and _positive("accelerometer.range", [span])[0] < _GRAVITY:
+        raise Refusal("the accelerometer's range is below gravity")
+    return Tilt(*matrices)
+
+
+def _arranged(law: dict[str, Any]) -> dict[str, Any]:
+    """Return a law that reads tilt with its states in turn by axis: roll, pitch, yaw, as all others have them.
+
+    An axis of fewer states gets some that stay 0. A state belongs to the axis that it commands or reads.
+    """
+    if len(law["D"][0]) != _LEVELLED:
+        return law
+    axes: list[list[int | None]] = [[0, 3], [1, 4], [2, 5]]
+    for i in range(6, len(law["A"])):
+        axes[_axis_of(law, i)].append(i)
+    most = max(map(len, axes))
+    places = [axis[k] if k < len(axis) else None for k in range(most) for axis in axes]
+    limit = law.get("rate_limit")
+    return {
+        **law,
+        "A": [_columns(row, places) for row in _rows(law["A"], places)],
+        **{name: _rows(law[name], places) for name in "BG"},
+        "C": [_columns(row, places) for row in law["C"]],
+        "rate_limit": limit and {**limit, "S": [_columns(row, places) for row in limit["S"]]},
+    }
+
+
+def _axis_of(law: dict[str, Any], i: int) -> int:
+    reads = [*law["B"][i][:3], *law["B"][i][6:]]
+    own = {a for a in range(3) if law["C"][a][i]} | {k % 3 for k, value in enumerate(reads) if value}
+    if len(own) != 1:
+        raise Refusal(f"law '{law['name']}' couples its axes, the proof takes them one at a time")
+    return own.pop()
+
+
+def _rows(matrix: list[list[float]], places: list[int | None]) -> list[list[float]]:
+    return [[0.0] * len(matrix[0]) if place is None else matrix[place] for place in places]
+
+
+def _columns(row: list[float], places: list[int | None]) -> list[float]:
+    return [0.0 if place is None else row[place] for place in places]
 
 
 def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
@@ -216,6 +284,8 @@ def _read_rate_limit(law: dict[str, Any], n: int) -> RateLimit | None:
     limit = law.get("rate_limit")
     if limit is None:
         return None
+    if any(value for row in limit["T"] for value in row[6:]):
+        raise Refusal(f"law '{law['name']}' commands rates from tilt as measured, the proof is about its own attitude")
     S, T = (tuple(map(tuple, to_rational(rows))) for rows in (limit["S"], [row[:3] for row in limit["T"]]))
     if [(len(M), {len(row) for row in M}) for M in (S, T)] != [(3, {n}), (3, {3})]:
         raise Refusal(f"law '{law['name']}' has a rate limit of wrong shape")

@@ -53,6 +53,7 @@ from gustproof.certify.check.estimate_box import (
     acceleration,
     excess,
     gyro_rounding,
+    least_deviations,
     trigonometry,
 )
 from gustproof.certify.check.kernel_norms import TORQUE, X0, X1
@@ -104,8 +105,23 @@ class _Angles(NamedTuple):
     """[rad/s^3] derivatives of `T(E) omega` twice, for a rate linear in time."""
 
 
-def truth_bound(system: LoopSystem, case: Case, box: Box, disturbance: Disturbance) -> Three:
+class Joint(NamedTuple):
+    """Bounds of the law's attitude and the noise that it sums up, both Gaussian, together."""
+
+    angle: Three
+    """(3,) [rad] linear part of the law's attitude less `h` times the sum of the noise, at all samples."""
+    rest: Three
+    """(3,) [rad] law's attitude less that linear part."""
+    risk: Fraction
+    """[-] probability that the noise's turn leaves the bound of its distance from the sum."""
+
+
+def truth_bound(
+    system: LoopSystem, case: Case, box: Box, disturbance: Disturbance, joint: Joint | None = None
+) -> Three:
     """Return bounds of |phi|, |theta|, |psi| [rad] of the true attitude at all times within the horizon.
+
+    With `joint`, of a strapdown law, what it bounds takes the place of the law's attitude and of the noise's turn.
 
     Raises
     ------
@@ -117,9 +133,16 @@ def truth_bound(system: LoopSystem, case: Case, box: Box, disturbance: Disturban
     carried, steps = _step_errors(system, case, box, disturbance, noise, estimate)
     newest = system.dt * case.deviations * case.noise  # half of the newest sample's noise, which w counts in full
     # R = Y R(E) exp(c): the estimate, turned by c in B, and then in N by all of Y
-    angles = _turn(estimate, carried, excess)
+    own = _turn(estimate, carried, excess)
     walk = [noise.walk + newest] * 3
-    for budget in [walk, *[[disturbance.steps * step / _CHUNKS for step in steps]] * _CHUNKS]:
+    angles = _turn(own, walk, _excess_N)
+    if joint is not None:
+        # of S at a sample, and the turn of one sample more
+        tilted = sum((a + system.dt * row[X1] for a, row in zip(own, box, strict=True)), Fraction(0))
+        apart = newest + _walk_error(system, case, noise, tilted, disturbance.steps, joint.risk)
+        coupled = _excess_N(angles, walk)
+        angles = [joint.angle[i] + joint.rest[i] + (own[i] - box[i][X0]) + apart + coupled[i] for i in range(3)]
+    for budget in [[disturbance.steps * step / _CHUNKS for step in steps]] * _CHUNKS:
         angles = _turn(angles, budget, _excess_N)
     # between samples: a chord, and h^2 / 8 times the second derivative
     rates = [row[PEAK_RATE] for row in box]
@@ -145,7 +168,7 @@ def _step_errors(
     gyro = [row[X1] for row in box]
     held = [h**2 / 12 * row[TORQUE] * inverse for row, inverse in zip(box, system.inverse_inertia, strict=True)]
     jerk = [_jerk(system, case, box, disturbance, i) for i in range(3)]
-    unseen = [m * inverse for m, inverse in zip(disturbance.unseen, system.inverse_inertia, strict=True)]
+    unseen = _over_inertia(system, disturbance.unseen)
     # c and c' within a sample
     c = [held[i] + h**3 / 12 * jerk[i] + h**2 / 3 * unseen[i] for i in range(3)]
     c_rate = _norm([h**2 / 8 * jerk[i] + h / 2 * unseen[i] for i in range(3)])
@@ -167,6 +190,11 @@ def _step_errors(
     length = _norm(body)
     random = _noise_error(system, noise, size, _norm(gyro) + c_rate) + 4 * h * noise.mean * length
     return held, [round_up(value + random) for value in tilted]
+
+
+def _over_inertia(system: LoopSystem, moments: Sequence[Fraction]) -> Three:
+    """Return the accelerations of moments."""
+    return [moment * inverse for moment, inverse in zip(moments, system.inverse_inertia, strict=True)]
 
 
 def _kinematic_error(
@@ -276,6 +304,23 @@ def _noise_error(system: LoopSystem, noise: _Noise, c: Fraction, rate: Fraction)
     """
     turn = system.dt * sqrt_upper_bound(Fraction(3)) * noise.mean
     return turn * (system.dt / 3 * rate + 2 * c) + 2 * turn**2
+
+
+def _walk_error(
+    system: LoopSystem, case: Case, noise: _Noise, tilted: Fraction, steps: int, risk: Fraction
+) -> Fraction:
+    """Return a bound of each component of the noise's turn, as rotation vector y, plus `h` times the noise's sum.
+
+    With X and q the vector and scalar part of the turn so far, a sample adds `(q I + [X x]) M (-h nu)` to 2 X, but for
+    `|w|^2 / 4`. That leaves `-h nu` by at most `ratio |h nu|`: `|M - I|` is below the angle of S, and the rest below
+    half the turn's. Each component of the sum is sub-Gaussian, given the past, so Doob's inequality bounds it at all
+    samples as if at the last. Last, `|y - 2 X| <= |X|^3`.
+    """
+    ratio = tilted + noise.walk / 2
+    z = least_deviations(Fraction(6), risk)
+    random = z * ratio * system.dt * case.noise * sqrt_upper_bound(Fraction(steps))
+    second = steps * 3 * (system.dt * noise.mean) ** 2 / 4
+    return round_up(random + second + (noise.walk / 2) ** 3)
 
 
 def _turn(start: Three, budget: Three, excess_of: Callable[[Three, Three], Three]) -> Three:

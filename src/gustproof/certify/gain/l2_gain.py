@@ -13,12 +13,15 @@ from gustproof.certify.check.dissipation import gain_inequality, rate_bounded_in
 from gustproof.certify.check.evidence import DerivedLoop, check_evidence, is_name
 from gustproof.certify.check.system import Refusal
 from gustproof.certify.gain.constrained_multipliers import ConstrainedMultipliers, constrained_multipliers
+from gustproof.certify.gain.exact_loop import loop_radius
 from gustproof.certify.gain.linear_members import worst_member
 from gustproof.certify.gain.multipliers import Multipliers, best_multipliers
 from gustproof.certify.gain.parts import Delay, Part, Sector, Slope
 from gustproof.certify.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.certify.gain.worst_schedule import worst_schedule, worst_triangle_schedule
-from gustproof.lti.rational import multiply, to_rational, transpose
+from gustproof.law.form import Law
+from gustproof.law.schedule import continuous_controller, sampled_controller
+from gustproof.lti.rational import RationalMatrix, multiply, to_rational, transpose
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti, gain, lft
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import (
@@ -46,7 +49,7 @@ _MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 
 def certify_gain(
     problem: Interconnection,
-    controller: LinearSystem | Uncertain,
+    controller: LinearSystem | Uncertain | Law,
     *,
     angle: float,
     rate: float,
@@ -69,7 +72,8 @@ def certify_gain(
         From `torque_problem`: its block "airframe" gives inertia, leak and damping.
     controller
         Continuous, `u = K y`; if `scheduled`, its first six states are its estimates of attitude and rates. Or an LFT
-        in the parameters of `rotation`, as `lpvsyn` returns it: it knows them exactly, within its own ranges.
+        in the parameters of `rotation`, as `lpvsyn` returns it: it knows them exactly, within its own ranges. Or a law
+        with such a schedule: what it was sampled from, and the gain holds for whatever rounding did to the loop.
     angle
         [rad] of the envelope, below pi/2.
     rate
@@ -125,13 +129,14 @@ def certify_gain(
             **_describe_delay(delay),
             "angle_rad": angle,
             "rate_rad_s": rate,
-            "rho": f"{rho}; exact in the controller" if scheduled or isinstance(controller, Uncertain) else rho,
+            "rho": f"{rho}; exact in the controller" if scheduled or isinstance(controller, Uncertain | Law) else rho,
             "horizon_s": None,
             "noise": "part of w, square integrable",
         },
         level=level,
         speeds=envelope_speeds(angle, rate, leak=leak) if rate_bounded else None,
         parts=parts,
+        radius=law_rounding(problem, controller, envelope, loop, delay=delay, saturation=saturation),
         signals="from disturbance and noise to error and command, all weighted,",
         scope=f"for all |phi|, |theta| <= {angle:g} rad and |p|, |q|, |r| <= {rate:g} rad/s",
     )
@@ -187,6 +192,7 @@ def certify_lft(
     level: float | None = None,
     speeds: Mapping[str, float] | None = None,
     parts: Mapping[str, Part] | None = None,
+    radius: dict[str, RationalMatrix] | None = None,
     signals: str = "from w to z",
     scope: str = "for every Delta(t) of the envelope",
 ) -> Certificate:
@@ -194,8 +200,9 @@ def certify_lft(
 
     Normalised parameters named in `speeds` [1/s] keep these bounds on their derivatives; the others may change at any
     speed. Full blocks, as from `ultidyn`, are what `parts` says. The lower bound is the gain that a schedule of the
-    parameters reaches in simulation, or a linear member of the parts at some frequency. `signals` and `scope` are the
-    statement's words for the loop's signals and its parameters.
+    parameters reaches in simulation, or a linear member of the parts at some frequency. With a `radius` the gain is
+    proved of all loops within these distances too. `signals` and `scope` are the statement's words for the loop's
+    signals and its parameters.
 
     Raises
     ------
@@ -227,7 +234,8 @@ def certify_lft(
     if multipliers is not None:
         evidence = _evidence(loop, multipliers, bounds)
         candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
-        wanted, proven = _first_proven(candidates, evidence)
+        derived = None if radius is None else derived_loop(loop, speeds, parts, radius)
+        wanted, proven = _first_proven(candidates, evidence, derived)
     claim = "is not bounded by these multipliers" if wanted is None else f"is below {wanted:.6g}"
     return Certificate(
         statement=f"the L2 gain {signals} {claim} {scope}",
@@ -249,7 +257,10 @@ def _find_multipliers(
 
 
 def derived_loop(
-    loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part] | None = None
+    loop: Uncertain,
+    speeds: Mapping[str, float] | None,
+    parts: Mapping[str, Part] | None = None,
+    radius: dict[str, RationalMatrix] | None = None,
 ) -> DerivedLoop:
     """Return a loop in the form that the check takes, with parameters as fast as `speeds` [1/s]."""
     named = parts or {}
@@ -258,6 +269,7 @@ def derived_loop(
         blocks=[(block.name, block.shape[0]) for block in loop.blocks],
         speeds=_speed_bounds(loop, speeds),
         parts=[named[block.name].entries() if block.name in named else {} for block in loop.blocks],
+        radius=radius,
     )
 
 
@@ -331,18 +343,23 @@ def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[f
     return [bounds.get(name) for name in names]
 
 
-def _first_proven(candidates: Sequence[float], evidence: dict[str, Any]) -> tuple[float, bool]:
-    """Return the first proven candidate and True, or the last one and False; it becomes the evidence's level."""
+def _first_proven(
+    candidates: Sequence[float], evidence: dict[str, Any], derived: DerivedLoop | None
+) -> tuple[float, bool]:
+    """Return the first candidate proven of the evidence's loop, and of one derived, and True; or the last and False.
+
+    It becomes the evidence's level.
+    """
     for candidate in candidates:
         evidence["level"] = candidate
-        if _is_proven(evidence):
+        if _is_proven(evidence) and (derived is None or _is_proven(evidence, derived)):
             return candidate, True
     return candidates[-1], False
 
 
 def attitude_loop(
     problem: Interconnection,
-    controller: LinearSystem | Uncertain,
+    controller: LinearSystem | Uncertain | Law,
     envelope: Envelope,
     *,
     scheduled: bool,
@@ -353,11 +370,10 @@ def attitude_loop(
 
     The command passes the `command_parts`: what a delay changes is added to it, what a limit cuts off is taken away.
     """
-    P = attitude_plant(problem, envelope)
-    if delay is not None or saturation is not None:
-        P = P @ append(np.eye(P.n_inputs - problem.n_con), _command_path(problem.n_con, delay, saturation))
-    if isinstance(controller, Uncertain):
-        return star(P, _within_envelope(controller, P), controller.n_inputs, controller.n_outputs)
+    P = _driven_plant(problem, envelope, delay, saturation)
+    if isinstance(controller, Uncertain | Law):
+        turned = continuous_controller(controller) if isinstance(controller, Law) else controller
+        return star(P, _within_envelope(turned, P)[0], turned.n_inputs, turned.n_outputs)
     K = as_continuous("the controller", controller)
     if not scheduled:
         return close_loop(P, K)
@@ -367,8 +383,37 @@ def attitude_loop(
     return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 
 
-def _within_envelope(K: Uncertain, P: Uncertain) -> Uncertain:
+def law_rounding(
+    problem: Interconnection,
+    controller: LinearSystem | Uncertain | Law,
+    envelope: Envelope,
+    loop: Uncertain,
+    *,
+    delay: Delay | None = None,
+    saturation: float | None = None,
+) -> dict[str, RationalMatrix] | None:
+    """Return how far rounding moved the numbers of the `attitude_loop` of a law; `None` if the controller is none."""
+    if not isinstance(controller, Law):
+        return None
+    P = _driven_plant(problem, envelope, delay, saturation)
+    turned, shares = _within_envelope(continuous_controller(controller), P)
+    return loop_radius(P, turned, sampled_controller(controller)[0], shares, loop)
+
+
+def _driven_plant(
+    problem: Interconnection, envelope: Envelope, delay: Delay | None, saturation: float | None
+) -> Uncertain:
+    """Return the `attitude_plant` behind the parts of the command's path."""
+    P = attitude_plant(problem, envelope)
+    if delay is None and saturation is None:
+        return P
+    return P @ append(np.eye(P.n_inputs - problem.n_con), _command_path(problem.n_con, delay, saturation))
+
+
+def _within_envelope(K: Uncertain, P: Uncertain) -> tuple[Uncertain, list[float]]:
     """Return a scheduled controller with its parameters normalised to the plant's ranges, about 0 as its own.
+
+    The share of the controller's own range follows for each of its channels.
 
     Raises
     ------
@@ -376,7 +421,7 @@ def _within_envelope(K: Uncertain, P: Uncertain) -> Uncertain:
         If a parameter is none of the plant's, or has a smaller range: there the controller holds it.
     """
     known = {block.name: block for block in P.blocks if isinstance(block, RealBlock)}
-    blocks, shares = [], [1.0] * K.M.n_inputs
+    blocks, shares = [], [1.0] * K.n_w
     for block, at in zip(K.blocks, rows(K.blocks), strict=True):
         plant = known.get(block.name)
         if plant is None or not isinstance(block, RealBlock):
@@ -387,9 +432,9 @@ def _within_envelope(K: Uncertain, P: Uncertain) -> Uncertain:
             raise ValueError(f"the controller is scheduled on '{block.name}' {ends}")
         blocks.append(replace(plant, repeats=block.repeats))
         shares[at] = [share] * block.repeats
-    M = K.M
-    scale = np.array(shares)
-    return Uncertain(M=Lti(A=M.A, B=M.B * scale, C=M.C, D=M.D * scale, dt=M.dt), blocks=tuple(blocks))
+    M, scale = K.M, np.append(shares, np.ones(K.n_inputs))
+    scaled = Lti(A=M.A, B=M.B * scale, C=M.C, D=M.D * scale, dt=M.dt)
+    return Uncertain(M=scaled, blocks=tuple(blocks)), shares
 
 
 def attitude_plant(problem: Interconnection, envelope: Envelope) -> Uncertain:
@@ -451,9 +496,9 @@ def _scalings(pairs: Iterable[tuple[Matrix, Matrix]]) -> list[dict[str, Any]]:
     return [{"D": D.tolist(), "G": G.tolist()} for D, G in pairs]
 
 
-def _is_proven(evidence: dict[str, Any]) -> bool:
+def _is_proven(evidence: dict[str, Any], derived: DerivedLoop | None = None) -> bool:
     try:
-        return check_evidence(evidence).accepted
+        return check_evidence(evidence, derived).accepted
     except Refusal:
         return False
 

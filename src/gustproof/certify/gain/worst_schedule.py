@@ -68,8 +68,8 @@ def worst_schedule(loop: Uncertain, *, duration: float = 60.0, rounds: int = 24,
         if gain < (1.0 + _CONVERGENCE) * best:
             break
         best, best_order = gain, order
-        ahead = np.einsum("vij,kj->kvi", A, x[:-1]) + np.einsum("vij,kj->kvi", B, played)
-        order = np.argmax(np.einsum("ki,kvi->kv", adjoint, ahead), axis=1)
+        pulled, pushed = (np.einsum("ki,vij->kvj", adjoint, M, optimize=True) for M in (A, B))
+        order = np.argmax((pulled @ x[:-1, :, None] + pushed @ played[:, :, None])[:, :, 0], axis=1)
     return Schedule(gain=best, delta=corners[best_order], dt=_STEP)
 
 
@@ -160,18 +160,19 @@ def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
 
 def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:
     """Return the states (k + 1, n) and outputs (k, p) of the schedule `order` (k,) from rest."""
-    x = np.zeros((len(order) + 1, A.shape[1]))
-    driven = np.einsum("kij,kj->ki", B[order], w)
-    for k, v in enumerate(order):
-        x[k + 1] = A[v] @ x[k] + driven[k]
+    steps, driven = list(A), np.einsum("kij,kj->ki", B[order], w)
+    states = [np.zeros(A.shape[1])]
+    for v, part in zip(order.tolist(), driven, strict=True):
+        states.append(steps[v].dot(states[-1]) + part)
+    x = np.array(states)
     return x, np.einsum("kij,kj->ki", C[order], x[:-1]) + np.einsum("kij,kj->ki", D[order], w)
 
 
 def _simulate_adjoint(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
     """Return the adjoint (k, n) of each step's next state and the adjoint's output (k, m)."""
-    adjoint = np.zeros((len(order) + 1, A.shape[1]))
-    read = np.einsum("kij,ki->kj", C[order], z)
-    for k in range(len(order) - 1, -1, -1):
-        adjoint[k] = A[order[k]].T @ adjoint[k + 1] + read[k]
-    after = adjoint[1:]
+    steps, read = list(A.transpose(0, 2, 1)), np.einsum("kij,ki->kj", C[order], z)
+    adjoint = [np.zeros(A.shape[1])]
+    for v, part in zip(order[:0:-1].tolist(), read[:0:-1], strict=True):
+        adjoint.append(steps[v].dot(adjoint[-1]) + part)
+    after = np.array(adjoint[::-1])
     return after, np.einsum("kij,ki->kj", B[order], after) + np.einsum("kij,ki->kj", D[order], z)

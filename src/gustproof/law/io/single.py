@@ -51,7 +51,8 @@ class SingleLaw:
 
     def __init__(self, law: Law) -> None:
         if law.uses_accelerometer:
-            raise ValueError(f"law '{law.name}' reads the accelerometer: single precision is for laws of gyros alone")
+            why = "no bound of its rounding is proved, as none of the specific force is known"
+            raise ValueError(f"law '{law.name}' reads the accelerometer: {why}; single precision is for gyros alone")
         n = law.order
         self.law = law
         self.A = law.A + law.G @ np.eye(3, n, 3)

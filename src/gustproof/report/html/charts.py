@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -207,13 +206,14 @@ def decimate(time: Array, values: Array, most: int = MAX_SAMPLES) -> tuple[Array
     if n <= most:
         return time, values
     edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
-    kept = []
-    for start, stop in pairwise(edges.tolist()):
-        part = values[start:stop]
-        if np.all(np.isnan(part)):
-            kept.append(int(start))
-        else:
-            kept += sorted({int(start + np.nanargmin(part)), int(start + np.nanargmax(part))})
+    starts, lasts = edges[:-1, None], edges[1:, None] - 1
+    # Sections differ in length by one at most: shorter ones repeat their last sample, which is then found first.
+    places = np.minimum(starts + np.arange(np.max(lasts - starts) + 1), lasts)
+    parts = values[places]
+    absent = np.isnan(parts)
+    lowest = np.argmin(np.where(absent, np.inf, parts), axis=1)
+    highest = np.argmax(np.where(absent, -np.inf, parts), axis=1)
+    kept = np.unique(starts[:, 0] + (lowest, highest))
     return time[kept], values[kept]
 
 

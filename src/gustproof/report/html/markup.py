@@ -15,8 +15,12 @@ def read_asset(name: str) -> str:
 
 
 def fill_page(template: str, parts: Mapping[str, str]) -> str:
-    """Return the page whose head is common to all pages and whose body is `template`, with its `parts` filled in."""
-    page = read_asset("head.html") + read_asset(template)
+    """Return the page of `template` between the head and the foot of all pages, with its `parts` filled in.
+
+    The parts of charts bring their scripts.
+    """
+    names = ["head.html", template, "foot.html", *(["charts.html"] if "scripts" in parts else [])]
+    page = "".join(map(read_asset, names)) + "</body>\n</html>\n"
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
 
 

@@ -62,6 +62,7 @@ def render_page(
         "title": escape(title or f"{shorten(scenarios)}: {shorten(dict.fromkeys(run.pilot_name for run in runs))}"),
         "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
         "intro": intro,
+        "first": '<a href="#verdict">Verdict</a> ' * bool(intro),
         "tiles": render_headline(runs),
         "flights": render_flights(runs),
         "requirements": render_requirements(runs),

@@ -1,9 +1,10 @@
 """Zeros near the imaginary axis, deflated from a Riccati equation: known eigenvalues that rounding would mix up."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from gustproof.lti.state_space import Matrix, largest_gain
 
@@ -28,6 +29,8 @@ class AxisZeros(NamedTuple):
     """(k, k) with the zeros right of the axis as its eigenvalues."""
     on_axis: complex | None
     """[rad/s] a zero that rounding does not tell from the axis."""
+    others: NDArray[Any]
+    """(n - s - k,) [rad/s] eigenvalues of the rest: all other zeros are among them."""
 
 
 def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
@@ -39,25 +42,28 @@ def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
         raise np.linalg.LinAlgError("the zeros overflow")
     n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
     found, on_axis = np.zeros((n, 0)), None
-    while found.shape[1] < n:
-        rest = _complement(found)
-        directions, doubtful = _unobservable_near_axis(rest.T @ A @ rest, C @ rest, scale, size)
+    rest, others = np.eye(n), np.linalg.eigvals(A)
+    while True:
+        directions, doubtful = _unobservable_near_axis(rest.T @ A @ rest, C @ rest, others, scale, size)
         on_axis = on_axis if doubtful is None else doubtful
         if not directions.shape[1]:
             break
         found = _orthonormal(np.hstack([found, rest @ directions]))
-    rest = _complement(found)
+        rest = _complement(found)
+        others = np.linalg.eigvals(rest.T @ A @ rest)
     if not found.shape[1]:
-        return AxisZeros(found, found, rest, np.zeros((0, 0)), on_axis)
+        return AxisZeros(found, found, rest, np.zeros((0, 0)), on_axis, others)
     T, Z, count = scipy.linalg.schur(found.T @ A @ found, sort="lhp")
     basis = found @ Z
-    return AxisZeros(basis[:, :count], basis[:, count:], rest, T[count:, count:], on_axis)
+    return AxisZeros(basis[:, :count], basis[:, count:], rest, T[count:, count:], on_axis, others)
 
 
-def _unobservable_near_axis(A: Matrix, C: Matrix, scale: float, size: float) -> tuple[Matrix, complex | None]:
+def _unobservable_near_axis(
+    A: Matrix, C: Matrix, eigenvalues: NDArray[Any], scale: float, size: float
+) -> tuple[Matrix, complex | None]:
     """Return a basis of eigenvectors of unobservable modes near the axis, and one that may be on it."""
     kept, on_axis = [np.zeros((A.shape[0], 0))], None
-    for value in np.linalg.eigvals(A):
+    for value in eigenvalues:
         if abs(value.real) > _NEAR * scale or value.imag < 0.0:
             continue
         pencil = np.vstack([(A - value * np.eye(len(A))) / scale, C / size])

@@ -43,13 +43,15 @@ class Units:
     @property
     def is_identity(self) -> bool:
         """True if no unit differs from the plant's."""
-        return all(np.all(each == 1.0) for each in (self.x, self.u, self.y))
+        return all((each == 1.0).all() for each in (self.x, self.u, self.y))
 
     def __mul__(self, other: "Units") -> "Units":
         return Units(x=self.x * other.x, u=self.u * other.u, y=self.y * other.y)
 
     def apply(self, P: Lti, n_meas: int, n_con: int) -> Lti:
         """Return the plant in the new units; raise `OverflowError` if no float holds it."""
+        if self.is_identity:
+            return P
         p1, m1 = P.n_outputs - n_meas, P.n_inputs - n_con
         rows, columns = np.concatenate([np.ones(p1), self.y]), np.concatenate([np.ones(m1), self.u])
         A, B = P.A * self.x / self.x[:, None], P.B * columns / self.x[:, None]
@@ -60,6 +62,8 @@ class Units:
 
     def restore(self, K: Lti) -> Lti:
         """Return a controller in the old units; its states are in the units of the plant's."""
+        if self.is_identity:
+            return K
         x, u = self.x[:, None], self.u[:, None]
         return Lti(A=x * K.A / self.x, B=x * K.B * self.y, C=u * K.C / self.x, D=u * K.D * self.y, dt=K.dt)
 

@@ -76,6 +76,8 @@ class NormalizedPlant:
         """Return the controller of the plant for the controller `K` of the normal form."""
         B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
         D = self.control_scale @ K.D @ self.measurement_scale
+        if not self.D22.any():
+            return Lti(A=K.A, B=B, C=C, D=D)
         # the input of K is y - D22 u: u = C x + D (y - D22 u)
         closing = np.eye(self.m2) + D @ self.D22
         if np.linalg.cond(closing) > 1e12:
@@ -171,9 +173,9 @@ def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str)
     size = max(largest_gain(C), np.finfo(float).tiny)
     zeros = find_axis_zeros(A_reduced, C_reduced, size)
     on_axis = zeros.on_axis
-    A_rest, C_rest = zeros.rest.T @ A_reduced @ zeros.rest, C_reduced @ zeros.rest
-    for zero in np.linalg.eigvals(A_rest):
+    for zero in zeros.others:
         if abs(zero.real) <= _AXIS * scale:
+            A_rest, C_rest = zeros.rest.T @ A_reduced @ zeros.rest, C_reduced @ zeros.rest
             pencil = np.vstack([(A_rest - zero * np.eye(len(A_rest))) / scale, C_rest / size])
             if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
                 on_axis = complex(zero)

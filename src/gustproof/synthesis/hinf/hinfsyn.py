@@ -1,6 +1,7 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
 _TOLD = 5e-5
 """[-] relative distance below the least level at which it must be clear that there is no controller."""
+_HIGHER = (1.001, 1.003, 1.01)
+"""[-] factors on the backoff that are tried where rounding spoilt a controller: a level nearby may be spared."""
 _NEAR_ZERO = 1e-6
 """[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
@@ -103,7 +106,8 @@ def hinfsyn(
     gamma
         [-] level to design for; `None` for `backoff` times the least.
     backoff
-        [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used.
+        [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used. If rounding spoils
+        the controller, up to a hundredth more is taken.
     regularize
         True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
         on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
@@ -146,6 +150,10 @@ def hinfsyn(
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
+class _SpoiltError(DesignError):
+    """Rounding spoilt a controller."""
+
+
 class _Design(NamedTuple):
     """A plant, as it was given, and the demands on its controller."""
 
@@ -169,8 +177,15 @@ class _Design(NamedTuple):
     def _solve_image(self, image: Lti, units: Units) -> HinfResult:
         """Return the checked controller of an image of the plant in `units`."""
         return solve_in_best_units(
-            image, self.n_meas, self.n_con, lambda scaled, more: self._solve(scaled, units * more)
+            image, self.n_meas, self.n_con, lambda scaled, more: self._solve_or_higher(scaled, units * more)
         )
+
+    def _solve_or_higher(self, image: Lti, units: Units) -> HinfResult:
+        """Return the checked controller at the level, or a little above if rounding spoilt that and none was given."""
+        for factor in (1.0, *_HIGHER) if self.gamma is None else ():
+            with suppress(_SpoiltError):
+                return self._replace(backoff=factor * self.backoff)._solve(image, units)
+        return self._solve(image, units)
 
     def _solve(self, image: Lti, units: Units) -> HinfResult:
         """Return the central controller, with the norm of the loop that it closes; raise if its level is exceeded.
@@ -184,9 +199,9 @@ class _Design(NamedTuple):
         try:
             peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
         except ValueError as failure:
-            raise DesignError(f"{spoilt}: {failure}") from None
+            raise _SpoiltError(f"{spoilt}: {failure}") from None
         if not peak.gain < level:
-            raise DesignError(f"{spoilt}: its norm is {peak.gain:.6g}")
+            raise _SpoiltError(f"{spoilt}: its norm is {peak.gain:.6g}")
         back = units.x[:, None] * units.x
         return HinfResult(
             controller=units.restore(K),
@@ -207,12 +222,13 @@ class _Design(NamedTuple):
             riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
             riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
         )
-        gamma_opt = _least_level(halves, problem.floor)
+        floor = problem.floor
+        gamma_opt, is_crossed = _least_level(halves, floor)
         level = self.backoff * gamma_opt if self.gamma is None else self.gamma
         if level <= gamma_opt:
             raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
-        if gamma_opt > _NEAR_ZERO * problem.size:
-            _require_clear_boundary(halves, gamma_opt, problem.floor)
+        if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:
+            _require_clear_boundary(halves, gamma_opt, floor)
         solution = _solve(halves, level)
         if not solution.definite:
             raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
@@ -221,13 +237,34 @@ class _Design(NamedTuple):
         return gamma_opt, level, solution
 
 
-def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float:
-    """Return the least feasible level, from above.
+def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, bool]:
+    """Return the least feasible level, from above, and True if just below it both solutions exist and the margin fails.
 
     Parabolas and secants converge to the zero of the margin. A step to where there is no solution is followed by one to
     a little above. If steps are slow, the bracket is halved on a logarithmic scale. The same is done if there is no
     zero, because a solution ceases to exist while the margin is positive.
     """
+    low, seen = _bracket(halves, floor)
+    high, misses, slow, missed = seen[-1][0], 0, 0, False
+    while high - low > _RESOLUTION * high and high > _SMALLEST_LEVEL:
+        middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
+        trusted = misses < _PATIENCE and slow < _PATIENCE
+        zero = _find_zero(seen, low, high) if trusted and not missed else np.nan
+        level = low + _BEYOND_MISS * width if trusted and missed else middle
+        if follows := low < zero < (1.0 + _RESOLUTION) * high:
+            # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
+            level = min(max(zero, (1.0 + 0.4 * _RESOLUTION) * low), (1.0 - 0.4 * _RESOLUTION) * high)
+        margin = _margin(halves, level)
+        low, high = (low, level) if margin > 0.0 else (level, high)
+        seen.append((level, margin))
+        missed = follows and not np.isfinite(margin)
+        misses += missed
+        slow = slow + 1 if follows and high - low > 0.5 * width else 0
+    return high, bool(np.isfinite(dict(seen).get(low, -np.inf)))
+
+
+def _bracket(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, list[tuple[float, float]]]:
+    """Return a level too low, and those tried with their margins: the last one is high enough."""
     low, high = floor, max(1.0, 2.0 * floor)
     seen = [(high, _margin(halves, high))]
     while seen[-1][1] <= 0.0:
@@ -235,25 +272,7 @@ def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> float
         if len(seen) == 60:
             raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
         seen.append((high, _margin(halves, high)))
-    misses = slow = 0
-    missed = False
-    while high - low > _RESOLUTION * high and high > _SMALLEST_LEVEL:
-        middle, width = max(float(np.sqrt(low * high)), 0.25 * high), high - low
-        trusted = misses < _PATIENCE and slow < _PATIENCE
-        zero = _find_zero(seen, low, high) if trusted and not missed else np.nan
-        follows = low < zero < (1.0 + _RESOLUTION) * high
-        # a level within the resolution of an end of the bracket is moved just inside: this closes the bracket
-        least, most = (1.0 + 0.4 * _RESOLUTION) * low, (1.0 - 0.4 * _RESOLUTION) * high
-        level = low + _BEYOND_MISS * width if trusted and missed else middle
-        if follows:
-            level = min(max(zero, least), most)
-        margin = _margin(halves, level)
-        low, high = (low, level) if margin > 0.0 else (level, high)
-        seen.append((level, margin))
-        missed = follows and not np.isfinite(margin)
-        misses += missed
-        slow = slow + 1 if follows and high - low > 0.5 * width else 0
-    return high
+    return low, seen
 
 
 def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: float, floor: float) -> None:
@@ -276,17 +295,17 @@ def _require_clear_boundary(halves: tuple[RiccatiData, RiccatiData], gamma_opt: 
 def _find_zero(seen: list[tuple[float, float]], low: float, high: float) -> float:
     """Return the zero of the curve through the last points of finite margin; nan if there is none.
 
-    `1/rho - s` over `s = 1/level^2`, the margin times s, is smooth and nearly a parabola. Where three points give no
-    zero in the bracket, the line through the margins of the last two does.
+    `f = 1/rho - s` over `s = 1/level^2`, the margin times s, is smooth but where a solution ceases to exist: there it
+    ends like a square root. Its inverse, s over f, is nearly a parabola in both cases. Where three points give no zero
+    in the bracket, the line through the margins of the last two does.
     """
     finite = [point for point in seen if np.isfinite(point[1])][-3:]
     if len(finite) == 3:
         (a, fa), (b, fb), (c, fc) = ((level**-2.0, margin * level**-2.0) for level, margin in finite)
-        slope = (fc - fb) / (c - b)
-        curvature = (slope - (fb - fa) / (b - a)) / (c - a)
-        slope += curvature * (c - b)
-        root = slope**2 - 4.0 * fc * curvature
-        s = c - 2.0 * fc / (slope + math.copysign(math.sqrt(root), slope)) if root > 0.0 else 0.0
+        s = 0.0
+        if len({fa, fb, fc}) == 3:
+            slope = (c - b) / (fc - fb)
+            s = c - fc * slope + fc * fb * (slope - (b - a) / (fb - fa)) / (fc - fa)
         if s > 0.0 and low < 1.0 / math.sqrt(s) < (1.0 + _RESOLUTION) * high:
             return 1.0 / math.sqrt(s)
     if len(finite) < 2 or finite[-1][1] == finite[-2][1]:
@@ -353,7 +372,9 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     joined[n + m :, :n] = P.C != 0.0
     joined[n + m :, n : n + m] = P.D != 0.0
     joined += joined.T
-    for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
+    count = 0
+    while np.count_nonzero(joined) > count:  # each product doubles the length of the paths
+        count = int(np.count_nonzero(joined))
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
     A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)

@@ -52,13 +52,14 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
     """Return the data of a Riccati equation of the first `m1` inputs as disturbances, the others as controls."""
     natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
-    S = D1.T @ C1
-    quotient = None
+    S, n, quotient = D1.T @ C1, len(A), None
+    H = np.zeros((2 * n, 2 * n))
+    H[:n, :n], H[n:, :n], H[n:, n:] = A, -C1.T @ C1, -A.T
     if zeros.rest.shape[1] < A.shape[0]:
         # u = -D12^T C1 x hides the states of the zeros from z, and leaves the solution as it is
         N, D12 = zeros.rest, D1[:, m1:]
         A_hidden, C_hidden = A - B[:, m1:] @ (D12.T @ C1), C1 - D12 @ (D12.T @ C1)
-        none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None)
+        none = AxisZeros(N[:, :0].T @ N, N[:, :0].T @ N, np.eye(N.shape[1]), np.zeros((0, 0)), None, zeros.others)
         quotient = riccati_data(N.T @ A_hidden @ N, N.T @ B, C_hidden @ N, D1, m1, none) if N.size else None
     return RiccatiData(
         A=A,
@@ -66,9 +67,9 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
         C1=C1,
         D1=D1,
         R=D1.T @ D1,
-        SB=np.hstack([S, B.T]),
-        H=np.block([[A, np.zeros_like(A)], [-C1.T @ C1, -A.T]]),
-        into=np.vstack([B, -S.T]),
+        SB=np.concatenate([S, B.T], axis=1),
+        H=H,
+        into=np.concatenate([B, -S.T]),
         J=J,
         natural_size=natural_size,
         zeros=zeros,

@@ -257,14 +257,17 @@ def crossings(loop: ClosedLoop, level: float) -> Matrix:
         Q, N = level * B @ np.linalg.solve(R, B.T), level * C.T @ np.linalg.solve(S, C)
     else:
         Q, N = B @ B.T / level, C.T @ C / level
-    values = np.linalg.eigvals(np.block([[A, Q], [-N, -A.T]]))
+    n = A.shape[0]
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, Q, -N, -A.T
+    values = np.linalg.eigvals(H)
     size = np.abs(values)
     found = values[np.abs(values.real) <= _ON_AXIS * size + 1e-13 * np.max(size)]
     return np.unique(np.abs(found.imag))
 
 
 def _raise_bound(loop: ClosedLoop, best: Peak, omega: Matrix) -> Peak:
-    gains = np.linalg.norm(_response(loop, omega), 2, axis=(1, 2))
+    gains = _gains(loop, omega)
     k = int(np.argmax(gains))
     return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
 
@@ -283,7 +286,7 @@ def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
             continue
         for _ in range(3):
             omega = np.linspace(low, high, 9)
-            k = int(np.argmax(np.linalg.norm(_response(loop, omega), 2, axis=(1, 2))))
+            k = int(np.argmax(_gains(loop, omega)))
             if k in (0, 8):  # the gain is higher outside the band: no separate peak
                 break
             low, high = omega[k - 1], omega[k + 1]
@@ -292,9 +295,11 @@ def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
     return found
 
 
-def _response(loop: ClosedLoop, omega: Matrix) -> ComplexMatrix:
+def _gains(loop: ClosedLoop, omega: Matrix) -> Matrix:
+    """Return the largest singular value at each frequency `omega` [rad/s]."""
     pencil = 1j * omega[:, None, None] * np.eye(loop.A.shape[0]) - loop.A
-    return np.asarray(loop.C @ np.linalg.solve(pencil, loop.B[None].astype(np.complex128)) + loop.D)
+    response = loop.C @ np.linalg.solve(pencil, loop.B[None].astype(np.complex128)) + loop.D
+    return np.asarray(np.linalg.svd(response, compute_uv=False)[:, 0])
 
 
 def _transfers(loop: ClosedLoop, omega: float) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:

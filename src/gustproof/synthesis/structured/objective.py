@@ -137,6 +137,7 @@ class PenaltyFunction:
     ) -> None:
         self.target, self.hard_goals, self.scale, self.penalty, self.evaluations = target, hard_goals, 1.0, 1.0, 0
         self._offset, self._basis = basis
+        self._flat = self._basis.reshape(self._basis.shape[0], -1)
         self._theta: Matrix | None = None
         self._minimax = False
         self._targets: list[float] = []
@@ -191,11 +192,11 @@ class PenaltyFunction:
         return found
 
     def _pull_back(self, gradient: Matrix) -> Matrix:
-        return np.asarray(np.tensordot(self._basis, gradient, axes=2))
+        return np.asarray(np.dot(self._flat, gradient.reshape(-1, 1))[:, 0])
 
     def _evaluate(self, theta: Matrix) -> None:
         self.evaluations += 1
-        M = self._offset + np.tensordot(theta, self._basis, axes=1)
+        M = self._offset + np.dot(theta[None], self._flat).reshape(self._offset.shape)
         self._theta = theta.copy()
         self._targets = [criterion.value(M) for criterion in self.target]
         self._excesses = [criterion.value(M) - 1.0 + LIMIT_MARGIN for criterion in self.hard_goals]

@@ -130,9 +130,9 @@ def _bfgs(
                 break
             W, fresh = _first_metric(theta, branches, relative=relative == (fresh == 0)), fresh + 1
             continue
-        length, value = found
+        length, value, reached = found
         theta = theta + length * direction
-        branches = function.branches(theta, near)
+        branches = function.branches(theta, near) if near or not reached else reached
         if branches:
             W = _update_metric(W, length * direction, _combine_gradients(branches, W) - gradient, fresh=fresh > 0)
         fresh = 0
@@ -151,8 +151,8 @@ def _first_metric(theta: Matrix, branches: list[Branch], *, relative: bool) -> M
 
 def _weak_wolfe(
     function: Function, theta: Matrix, value: float, direction: Matrix, gradient: Matrix, stop_below: float
-) -> tuple[float, float] | None:
-    """Return a step length and the value there, or `None` if none lowers the function enough.
+) -> tuple[float, float, list[Branch]] | None:
+    """Return a step length, the value and, if known, the branch there, or `None` if none lowers the function enough.
 
     A value at `stop_below` ends it: a growth that falls for ever must not carry the parameters away.
     """
@@ -160,19 +160,19 @@ def _weak_wolfe(
     if not slope < 0.0:
         return None
     low, high, length = 0.0, np.inf, 1.0
-    best: tuple[float, float] | None = None
+    best: tuple[float, float, list[Branch]] | None = None
     for _ in range(_HALVINGS):
         trial = theta + length * direction
         reached = function.value(trial)
         if not reached <= value + _ARMIJO * length * slope:
             high = length
         else:
-            best = (length, reached)
             if reached <= stop_below:
-                return best
+                return length, reached, []
             branches = function.branches(trial, 0.0)
+            best = length, reached, []
             if not branches or float(branches[0].gradient @ direction) >= _WOLFE * slope:
-                return best
+                return length, reached, branches
             low = length
         length = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
     return best

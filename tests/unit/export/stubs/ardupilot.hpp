@@ -38,18 +38,20 @@ struct AP_Motors {
 struct AP_MotorsMulticopter : AP_Motors { Thrust_Linearization thr_lin; bool get_thrust(uint8_t, float &) const; };
 struct AP_AHRS { const Vector3f &get_accel() const; };
 struct AP_Scheduler { uint16_t get_loop_rate_hz(); };
-namespace AP { AP_AHRS &ahrs(); AP_Scheduler &scheduler(); }
+struct AP_Vehicle { virtual ~AP_Vehicle(); virtual uint8_t get_mode() const = 0; };
+namespace AP { AP_AHRS &ahrs(); AP_Scheduler &scheduler(); AP_Vehicle *vehicle(); }
 
-class AC_CustomControl;
+struct AC_CustomControl { void set_custom_controller(bool); };
 class AC_CustomControl_Backend
 {
 public:
-    AC_CustomControl_Backend(AC_CustomControl &, AP_AHRS_View *&ahrs, AC_AttitudeControl *&control, AP_MotorsMulticopter *&motors, float) :
-        _ahrs(ahrs), _att_control(control), _motors(motors) {}
+    AC_CustomControl_Backend(AC_CustomControl &frontend, AP_AHRS_View *&ahrs, AC_AttitudeControl *&control, AP_MotorsMulticopter *&motors, float) :
+        _frontend(frontend), _ahrs(ahrs), _att_control(control), _motors(motors) {}
     virtual ~AC_CustomControl_Backend() {}
     virtual Vector3f update() = 0;
     virtual void reset() = 0;
 protected:
+    AC_CustomControl &_frontend;
     AP_AHRS_View *&_ahrs;
     AC_AttitudeControl *&_att_control;
     AP_MotorsMulticopter *&_motors;

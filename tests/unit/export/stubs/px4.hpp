@@ -142,6 +142,7 @@ namespace math { template<class T> T constrain(T, T, T); }
 namespace matrix
 {
 struct Quatf;
+struct Vector3f { explicit Vector3f(const float *); bool isAllFinite() const; float norm() const; };
 struct Eulerf { Eulerf(float, float, float); Eulerf(const Quatf &); float psi() const; };
 struct Quatf { explicit Quatf(const float *); Quatf(const Eulerf &); void copyTo(float *) const; };
 }

@@ -5,7 +5,6 @@ With GUSTPROOF_ARDUPILOT, a build of ArduCopter for simulation, the flights to t
 
 import json
 import os
-from argparse import Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest import ardupilot_process
 from firmware_model.guest.__main__ import main
 from firmware_model.guest.ardupilot import encode_answer
+from firmware_model.guest.guest import GuestOptions
 from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.recorder import read_estimates
@@ -217,7 +217,8 @@ def test_program_that_is_not_one_is_told(tmp_path: Path, capsys: pytest.CaptureF
 def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.parm"
     given.write_text("# mine\nATC_ANG_RLL_P,7.5\nMOT_SPIN_MIN 0.05\nMOT_SPIN_MAX 1.0\n")
-    options = Namespace(params=str(given), law="", build=PEER, folder=tmp_path / "run")
+    files = {"folder": tmp_path / "run", "scenario": "calm", "vehicle": "paper", "journal": tmp_path / "flight"}
+    options = GuestOptions(autopilot="ardupilot", **files, params=given, build=PEER)
     guest = ardupilot_process.make_ardupilot(
         options, replace(load_scenario("calm"), control_rate_hz=400, physics_rate_hz=1200), load_vehicle("paper")
     )

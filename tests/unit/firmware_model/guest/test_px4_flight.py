@@ -6,7 +6,6 @@ With GUSTPROOF_PX4, the folder of a build, the flights to the end are flown by t
 import json
 import os
 import socket
-from argparse import Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest import px4_process
 from firmware_model.guest.__main__ import main
+from firmware_model.guest.guest import GuestOptions
 from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
@@ -172,11 +172,12 @@ def test_flight_that_ends_early_tells_how(
 def test_port_that_another_program_uses_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
+        taken_port = taken.getsockname()[1]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(px4_process, "_PILOT", taken.getsockname()[1] - 150)
+            patch.setattr(px4_process, "_PILOT", taken_port - 150)
             facts = fly(tmp_path, capsys, "--instance", "150")
     assert facts["outcome"] == "port_taken"
-    assert "of instance 150" in facts["reason"]
+    assert f"of instance 150: TCP 4710, UDP {taken_port}" in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) == 1
 
 
@@ -206,10 +207,12 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.params"
     given.write_text("# Onboard parameters\n1\t1\tMC_ROLL_P\t7.5\t9\n1\t1\tCA_ROTOR0_PX\t0.352\t9\n")
-    options = Namespace(params=str(given), law="", build=PEER, folder=tmp_path / "run", instance=None, real_time=False)
+    files = {"folder": tmp_path / "run", "scenario": "calm", "vehicle": "paper", "journal": tmp_path / "flight"}
+    options = GuestOptions(autopilot="px4", **files, params=given, build=PEER)
     guest = px4_process.make_px4(options, load_scenario("calm"), load_vehicle("paper"))
     parameters = guest.facts()["parameters"]
     assert (parameters["MC_ROLL_P"], parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_PY"]) == ("7.5", "0.352", "0.22")
+    assert float(parameters["EKF2_GYR_NOISE"]) == pytest.approx(0.2 * 10.0 ** (-35.0 / 20.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("line", ["MC_ROLL_P", "mc_roll_p 1", "MC_ROLL_P 1; rm", "MC_ROLL_P $(x)", "MC_ROLL_P 1 2"])

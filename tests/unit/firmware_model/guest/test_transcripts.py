@@ -9,7 +9,6 @@ import hashlib
 import json
 import lzma
 import os
-from argparse import Namespace
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +21,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.guest import ardupilot_process
 from firmware_model.guest.__main__ import _exchanger, make_guest
 from firmware_model.guest.flight import GuestFlight
+from firmware_model.guest.guest import GuestOptions
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4_process import Px4
 from firmware_model.guest.readings import Readings
@@ -54,11 +54,9 @@ def short_gust(autopilot: str, folder: Path) -> Scenario:
     return load_scenario(str(path))
 
 
-def options(autopilot: str, build: str | Path, folder: Path) -> Namespace:
-    return Namespace(
-        autopilot=autopilot, build=Path(build), folder=folder / "run", params="tuned", law="", instance=None,
-        real_time=False,
-    )  # fmt: skip
+def options(autopilot: str, build: str | Path, folder: Path) -> GuestOptions:
+    files = {"folder": folder / "run", "scenario": "short.toml", "vehicle": "paper", "journal": folder / "flight"}
+    return GuestOptions(autopilot=autopilot, build=Path(build), params=Path("tuned"), **files)
 
 
 class Session:

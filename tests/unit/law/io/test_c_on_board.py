@@ -299,7 +299,7 @@ def test_arm_gives_the_bits_of_this_processor(compiler, single, tmp_path):
     if COMPILER is None or shutil.which(compiler) is None or shutil.which(ARM[compiler]) is None:
         pytest.skip(f"no C compiler, {compiler} or {ARM[compiler]}")
     law = load_law("flagship")
-    save_c(law, tmp_path / "law.c", single=single)
+    unit = save_c(law, tmp_path / "law.c", single=single)
     driver = DRIVER.replace("NAME", c_name(law.name)).replace("REAL", "float" if single else "double")
     (tmp_path / "main.c").write_text(driver)
     told = []
@@ -319,6 +319,22 @@ def test_arm_gives_the_bits_of_this_processor(compiler, single, tmp_path):
         ran = subprocess.run([*run, "./program", str(STEPS)], check=True, cwd=tmp_path, capture_output=True, text=True)
         told.append(ran.stdout)
     assert told[0] == told[1]
+    assert 0.5 * unit.operations < arm_instructions(ARM[compiler], tmp_path) <= INSTRUCTIONS * unit.operations
+
+
+def arm_instructions(emulator: str, folder: Path) -> int:
+    """Return the largest count of instructions of a step in the program that was built there, with all it calls."""
+    traced = [emulator, "-singlestep", "-d", "exec,nochain", "-D", "trace.txt", "./program", "2"]
+    subprocess.run(traced, check=True, cwd=folder, capture_output=True)
+    counts, inside = [0], False
+    for line in (folder / "trace.txt").read_text().splitlines():
+        symbol = line.rpartition(" ")[2]
+        entered = symbol.endswith("_step") and not inside
+        inside = symbol not in ("main", "flagship_self_test") and (inside or entered)
+        counts += [0] if entered else []
+        counts[-1] += inside
+    assert len(counts) > 20
+    return max(counts)
 
 
 @pytest.mark.parametrize(

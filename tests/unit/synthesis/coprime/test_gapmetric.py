@@ -12,8 +12,6 @@ from gustproof.lti.state_space import Lti, as_lti, gain
 from gustproof.synthesis.coprime.gapmetric import gapmetric
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn
 
-pytestmark = pytest.mark.plain
-
 TIGHT = 1e-6
 
 

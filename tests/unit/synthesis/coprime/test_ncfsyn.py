@@ -10,8 +10,6 @@ from gustproof.errors import DesignError
 from gustproof.lti.state_space import Lti, as_lti, gain, lft, series
 from gustproof.synthesis.coprime.ncfsyn import check_shaped_loop, ncfsyn
 
-pytestmark = pytest.mark.plain
-
 DT = 0.01
 
 

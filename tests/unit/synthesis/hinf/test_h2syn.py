@@ -9,8 +9,6 @@ from gustproof.lti.norms import h2_norm
 from gustproof.lti.state_space import Lti, lft
 from gustproof.synthesis.hinf.h2syn import h2syn
 
-pytestmark = pytest.mark.plain
-
 UNSTABLE = {"A": [[1.0]], "B": [[1.0, 0.0, 1.0]], "C": [[1.0], [0.0], [1.0]]}
 GOOD_D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
 

@@ -9,8 +9,6 @@ from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import as_lti, gain, sensitivity, series
 from gustproof.synthesis.hinf.mixsyn import mixsyn
 
-pytestmark = pytest.mark.plain
-
 G = control.tf(200, [0.025, 1.0025, 10.1, 1])
 W1 = control.tf([1 / 1.5, 10], [1, 10 * 1e-4])
 

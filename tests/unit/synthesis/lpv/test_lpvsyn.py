@@ -17,8 +17,6 @@ from gustproof.synthesis.designs import design_problem, load_design
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.lpv.lpvsyn import lpvsyn
 
-pytestmark = pytest.mark.plain
-
 WEIGHTS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]])
 
 

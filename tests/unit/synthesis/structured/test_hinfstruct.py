@@ -91,19 +91,17 @@ def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_controller_to_the_bit():
-    first, second = (hinfstruct(*compleib("NN8"), starts=1, seed=5) for _ in range(2))
-    other = hinfstruct(*compleib("NN8"), starts=1, seed=6)
+    first, second = (hinfstruct(*compleib("HE1"), starts=1, seed=5) for _ in range(2))
+    other = hinfstruct(*compleib("HE1"), starts=1, seed=6)
     assert np.array_equal(first.theta, second.theta)
     assert not np.array_equal(first.theta, other.theta)
 
 
 @pytest.mark.slow
 def test_more_states_never_hurt_and_no_structure_beats_hinfsyn():
-    gammas = [
-        hinfstruct(roll(), 1, 1, structure=decoupled_structure(order, 1, 1), starts=2).gamma for order in (0, 1, 2)
-    ]
-    least = hinfstruct(roll(), 1, 1, order=1, starts=1).gamma_opt
-    assert gammas[0] > gammas[1] > gammas[2] >= least * (1.0 - 1e-6)
+    results = [hinfstruct(roll(), 1, 1, structure=decoupled_structure(order, 1, 1), starts=2) for order in (0, 1, 2)]
+    static, first, second = (result.gamma for result in results)
+    assert static > first > second >= results[1].gamma_opt * (1.0 - 1e-6)
 
 
 def test_blocks_are_tuned_by_name_and_what_is_not_there_stays_zero():
@@ -206,7 +204,7 @@ def test_least_rms_error_at_a_limit_on_torque_rms_uses_up_the_limit():
 @pytest.mark.slow
 def test_controller_stability_and_roll_off_are_kept():
     limits = [StabilityGoal(margin=1.0), RollOffGoal(corner=300.0, limit=60.0)]
-    result = hinfstruct(roll(), 1, 1, order=2, starts=1, hard_goals=limits)
+    result = hinfstruct(roll(), 1, 1, structure=decoupled_structure(2, 1, 1), starts=1, hard_goals=limits)
     assert np.max(result.controller.poles().real) <= -1.0
     P, K = roll(), result.controller
     loop = P.to_control()[2, 2] * K.to_control()
@@ -217,9 +215,11 @@ def test_controller_stability_and_roll_off_are_kept():
     assert np.all(np.abs(command(1j * omega)) <= line * (1.0 + 1e-3))
 
 
-def test_progress_is_told_with_each_start():
+def test_progress_is_told_with_each_start_and_python_controls_objects_come_out():
     told: list[tuple[float, str]] = []
-    hinfstruct(*compleib("NN2"), starts=2, progress=lambda fraction, text: told.append((fraction, text)))
+    result = hinfstruct(*compleib("NN2"), starts=1, progress=lambda fraction, text: told.append((fraction, text)))
+    assert isinstance(result.K, control.StateSpace)
+    assert np.array_equal(as_lti(result.K).D, result.controller.D)
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
@@ -270,10 +270,3 @@ def test_sample_times_must_agree_and_a_block_needs_its_port():
         hinfstruct(Lti(A=[[-1.0]], B=sampled.B, C=sampled.C, D=sampled.D, dt=0.01), 1, 1)
     with pytest.raises(ValueError, match="block 'K' has measurement 1"):
         Structure(blocks=(tunable_gain("K", inputs=(1,), outputs=(0,)),), n_meas=1, n_con=1)
-
-
-def test_python_controls_objects_go_in_and_come_out():
-    P, n_meas, n_con = compleib("NN2")
-    result = hinfstruct(P, n_meas, n_con, order=0, starts=1)
-    assert isinstance(result.K, control.StateSpace)
-    assert np.array_equal(as_lti(result.K).D, result.controller.D)

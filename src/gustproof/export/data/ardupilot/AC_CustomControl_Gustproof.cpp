@@ -9,6 +9,7 @@
 #include <AP_AHRS/AP_AHRS.h>
 #include <AP_Motors/AP_MotorsMatrix.h>
 #include <AP_Scheduler/AP_Scheduler.h>
+#include <AP_Vehicle/AP_Vehicle.h>
 #include <GCS_MAVLink/GCS.h>
 
 const AP_Param::GroupInfo AC_CustomControl_Gustproof::var_info[] = {
@@ -51,6 +52,12 @@ void AC_CustomControl_Gustproof::reset(void)
     if (!_fits) {
         GCS_SEND_TEXT(MAV_SEVERITY_CRITICAL, "Gustproof: SCHED_LOOP_RATE must be %d, stock loops fly", GUSTPROOF_RATE);
     }
+    _mode = AP::vehicle()->get_mode();
+    start();
+}
+
+void AC_CustomControl_Gustproof::start(void)
+{
     read_sensors();
     gustproof_start(&_law, &_now);
     _input.zero();
@@ -77,14 +84,15 @@ void AC_CustomControl_Gustproof::read_sensors(void)
 // return roll, pitch and yaw input of the motors
 Vector3f AC_CustomControl_Gustproof::update(void)
 {
-    if (!_fits) {
+    if (!_fits || AP::vehicle()->get_mode() != _mode) {
+        _frontend.set_custom_controller(false); // or it would hold the integrators of the stock loops at 0
         return Vector3f(_motors->get_roll(), _motors->get_pitch(), _motors->get_yaw());
     }
 
     const Vector3f full = full_torque();
     const AP_Motors::SpoolState spool = _motors->get_spool_state();
     if (spool == AP_Motors::SpoolState::SHUT_DOWN || spool == AP_Motors::SpoolState::GROUND_IDLE) {
-        reset(); // or its integrators would wind up against the ground
+        start(); // or its integrators would wind up against the ground
     } else {
         tell_saturation(full);
     }

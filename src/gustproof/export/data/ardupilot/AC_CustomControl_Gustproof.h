@@ -20,6 +20,7 @@ private:
     Vector3f full_torque(void) const;
     void tell_saturation(const Vector3f &full);
     void read_sensors(void);
+    void start(void);
 
     AP_Float _roll_torque;
     AP_Float _pitch_torque;
@@ -28,6 +29,7 @@ private:
     gustproof_inside _law;
     gustproof_sample _now;
     Vector3f _input; // of the motors, as it was last asked for
+    uint8_t _mode;   // of the vehicle when it was switched to this controller
     bool _fits;      // the loop runs at the rate of the law
 };
 

@@ -13,6 +13,7 @@ using namespace time_literals;
 static constexpr char MODE_NAME[] = "$mode";
 static constexpr bool TAKES_REFERENCES = $takes_references;
 static constexpr hrt_abstime FRESH = 500_ms;
+static constexpr float STANDING = 0.3f; // [m/s] of a set-point that holds a place
 
 Gustproof::Gustproof() :
 	ModuleParams(nullptr),
@@ -193,11 +194,16 @@ void Gustproof::enter()
 		return;
 	}
 
+	// where the mode before held a place, that place is kept: another one would tilt the vehicle at once
 	const bool fixed = _control_mode.flag_control_position_enabled;
+	trajectory_setpoint_s before;
+	const bool kept = _trajectory_sub.copy(&before) && _entered < before.timestamp + FRESH
+			  && matrix::Vector3f(before.position).isAllFinite()
+			  && !(matrix::Vector3f(before.velocity).norm() > STANDING);
 	trajectory_setpoint_s here{};
-	here.position[0] = fixed ? position.x : NAN;
-	here.position[1] = fixed ? position.y : NAN;
-	here.position[2] = position.z;
+	here.position[0] = fixed ? (kept ? before.position[0] : position.x) : NAN;
+	here.position[1] = fixed ? (kept ? before.position[1] : position.y) : NAN;
+	here.position[2] = kept ? before.position[2] : position.z;
 	here.acceleration[0] = here.acceleration[1] = fixed ? NAN : 0.f;
 	here.acceleration[2] = NAN;
 	here.yaw = yaw;

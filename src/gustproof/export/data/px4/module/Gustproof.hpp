@@ -72,6 +72,7 @@ private:
 	uORB::Subscription _control_mode_sub{ORB_ID(vehicle_control_mode)};
 	uORB::Subscription _land_sub{ORB_ID(vehicle_land_detected)};
 	uORB::Subscription _position_sub{ORB_ID(vehicle_local_position)};
+	uORB::Subscription _trajectory_sub{ORB_ID(trajectory_setpoint)};
 	uORB::Subscription _check_sub{ORB_ID(arming_check_request)};
 	uORB::Subscription _registered_sub{ORB_ID(register_ext_component_reply)};
 	uORB::SubscriptionInterval _parameter_sub{ORB_ID(parameter_update), 1000000};
