@@ -7,6 +7,7 @@ function is an entry point that Python calls; its machine code is kept on disk.
 import re
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -18,6 +19,24 @@ from numba.extending import intrinsic, overload, register_jitable
 
 _CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _import_arrays() -> None:
+    """Import numba's functions of arrays without scipy's matrices, which no kernel uses.
+
+    Numba would import `scipy.linalg` only to know that it is there, which takes a tenth of a second at each start. It
+    looks again before it compiles a product of matrices.
+    """
+    linalg: Any = import_module("numba.np.linalg")
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = look
+
+
+_import_arrays()
 
 
 def _compile_part(typing: Any, target: Any, _: Any, *rest: Any) -> Any:
