@@ -136,11 +136,11 @@ def _find_kernel_folders(package: Path) -> set[Path]:
     """Return the folders of `package` with kernels, and with modules that kernels import constants from."""
     folders = set()
     for source in package.rglob("*.py"):
-        text = source.read_text(encoding="utf-8")
-        if "numerics.compiled import" in text:
+        text = source.read_bytes()
+        if b"numerics.compiled import" in text:
             folders.add(source.parent)
-            for module in re.findall(rf"^from {package.name}((?:\.\w+)*)", text, re.MULTILINE):
-                path = package.joinpath(*module.split(".")[1:])
+            for module in re.findall(rf"^from {package.name}((?:\.\w+)*)".encode(), text, re.MULTILINE):
+                path = package.joinpath(*module.decode().split(".")[1:])
                 folders.add(path if path.is_dir() else path.parent)
     return folders
 
