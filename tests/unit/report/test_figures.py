@@ -76,6 +76,24 @@ def test_more_flights_than_an_eye_can_tell_apart_are_drawn_as_rms_of_each_second
     assert len(drawn[0].axes[0].lines) == 10
 
 
+def test_the_angles_of_the_least_rms_stand_beside_those_of_all_as_flown(drawn, tmp_path):
+    flights = {f"law-of-a-long-name-{i}": flight(0.1 / i) for i in range(1, 11)}
+    figures.save_histories("euler-angles", flights, "", tmp_path / "x.png")
+    figure = drawn[0]
+    everyone, least = figure.axes[:2]
+    assert (len(everyone.lines), everyone.get_yscale(), least.get_yscale()) == (10, "log", "linear")
+    assert {line.get_label() for line in least.lines} == {f"law-of-a-long-name-{i}" for i in range(7, 11)}
+    assert np.max(least.lines[0].get_ydata()) == pytest.approx(np.degrees(0.1 / 7), rel=1e-3)
+    assert everyone.yaxis.get_major_formatter()(0.1) == "0.1"
+    assert least.get_xlim() == (0.0, pytest.approx(1.0))  # with the last tick
+
+
+def test_a_legend_is_no_wider_than_its_figure(drawn, tmp_path):
+    flights = {f"flagship-robust-{i}": flight() for i in range(10)}
+    figures.save_histories("torques", flights, "", tmp_path / "x.png")
+    assert drawn[0].legends[0].get_window_extent().width < drawn[0].bbox.width
+
+
 def test_a_figure_for_a_paper_is_a_column_wide_with_its_numbers_beside(drawn, tmp_path):
     with figures_as(FigureStyle.PAPER, data=True, suffix=".svg"):
         figures.save_histories("euler-angles", {"hinf-d1": flight()}, "paper", tmp_path / "x.png")
