@@ -20,6 +20,7 @@ from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.performance.tradeoff import TradeOff
 from gustproof.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
 from gustproof.scoring.metrics import Metrics, attitude
+from gustproof.synthesis.derive import WeightedTransfer
 from gustproof.synthesis.tune import Tuning
 from gustproof.types import Array, Records
 
@@ -104,23 +105,46 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     save_figure(figure, path)
 
 
-def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
+def save_singular_values(
+    frequency: Array,
+    curves: Mapping[str, Array],
+    level: float,
+    title: str,
+    path: Path,
+    transfers: Sequence[WeightedTransfer] = (),
+) -> None:
     """Draw singular values (n, k) [dB] over `frequency` (n,) [rad/s] by name, and the bound of "w to z".
 
-    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out.
+    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out. In
+    rows below stand `transfers` without their weights, dashed the bounds that level and weights set. A paper's column
+    has no room for them.
     """
-    figure = _new_figure((4.2 * len(curves) + 0.4, 4.2), title)
-    for axes, (name, values), colour in zip(panels(figure, 1, len(curves)), curves.items(), _CURVES, strict=False):
+    columns, transfers = len(curves), () if is_paper() else transfers
+    rows = 1 + math.ceil(len(transfers) / columns)
+    figure = _new_figure((4.2 * columns + 0.4, 3.9 * rows + 0.3), title)
+    drawn = panels(figure, rows, columns)
+    for axes, (name, values), colour in zip(drawn, curves.items(), _CURVES, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
         lines = axes.semilogx(frequency, _decibels(real), color=colour, linewidth=1.3)
         peak = float(np.max(real))
-        lines[0].set_label(f"{name}, peak {peak:.2f}" if name.startswith("S") else name)
+        lines[0].set_label(f"{name}, peak {peak:.2f}" if name[0] in "ST" else name)
         bound, label = (level, f"γ = {level:.4g}") if name == "w to z" else (1.0, "0 dB")
         axes.axhline(20.0 * math.log10(bound), color="#d55e00", linestyle="--", linewidth=1.0, label=label)
         _limit_floor(axes)
         _style_axes(axes, "singular values [dB]", x_label="frequency [rad/s]")
         axes.set_xlim(frequency[0], frequency[-1])
         axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
+    for axes, transfer in zip(drawn[columns:], transfers, strict=False):
+        for axis, gains, bounds, colour in zip(_AXES, transfer.gains.T, transfer.bounds.T, _AXIS_COLOURS, strict=True):
+            axes.semilogx(frequency, _decibels(gains), color=colour, linewidth=1.3, label=axis)
+            axes.semilogx(frequency, _decibels(bounds), color=colour, linestyle="--", linewidth=1.0)
+        label = "gain [dB re ({})/({})]".format(*transfer.units)
+        _style_axes(axes, label, f"{transfer.cause} to {transfer.effect}", "frequency [rad/s]")
+        axes.set_ylim(bottom=float(np.max(_decibels(transfer.gains))) - _MOST_DB)
+        axes.set_xlim(frequency[0], frequency[-1])
+        axes.legend(title="dashed: γ over weights", frameon=False, fontsize=font_size(8), title_fontsize=font_size(8))
+    for axes in drawn[columns + len(transfers) :]:
+        axes.axis("off")
     save_figure(figure, path)
 
 

@@ -14,6 +14,7 @@ from firmware_model.recording.journal import RECORD
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
 from gustproof.report.figure_style import FigureStyle, figures_as
+from gustproof.synthesis.derive import WeightedTransfer
 from gustproof.synthesis.designs import design_problem, load_design
 
 
@@ -65,6 +66,23 @@ def test_singular_values_that_are_rounding_noise_are_not_drawn(drawn, tmp_path):
     assert weighted.get_ylim()[0] == -80.0
     assert [text.get_text() for text in weighted.get_legend().get_texts()] == ["w to z", "γ = 1"]
     assert [text.get_text() for text in S.get_legend().get_texts()] == ["S, peak 1.00", "0 dB"]
+
+
+def test_transfers_are_drawn_below_the_bounds_of_their_weights_but_in_a_paper(drawn, tmp_path):
+    frequency = np.geomspace(1e-3, 1e3, 50)
+    gains = np.outer(1.0 / (1.0 + frequency), np.ones(3))
+    transfer = WeightedTransfer("moment", "command", ("N m", "N m"), gains, 2.0 * np.ones((50, 3)))
+    values = {"w to z": gains, "S": np.ones((50, 1))}
+    for style in FigureStyle:
+        with figures_as(style):
+            figures.save_singular_values(frequency, values, 1.0, "x", tmp_path / "x.png", [transfer])
+    screen, paper = drawn
+    assert (len(screen.axes), len(paper.axes)) == (4, 2)
+    axes = screen.axes[2]
+    assert axes.get_title() == "moment to command"
+    assert [line.get_linestyle() for line in axes.lines] == 3 * ["-", "--"]
+    assert np.min(axes.lines[1].get_ydata() - axes.lines[0].get_ydata()) == pytest.approx(6.02, abs=0.01)
+    assert not screen.axes[3].axison
 
 
 def test_more_flights_than_an_eye_can_tell_apart_are_drawn_as_rms_of_each_second(drawn, tmp_path):
