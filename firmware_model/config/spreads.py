@@ -26,7 +26,7 @@ class Spread:
     @model_validator(mode="after")
     def _check_order(self) -> Self:
         if not self.low < self.nominal < self.high:
-            raise ValueError(f"low {self.low} < nominal {self.nominal} < high {self.high} fails")
+            raise ValueError(f"needs low < nominal < high, got {self.low}, {self.nominal}, {self.high}")
         return self
 
     def value(self, delta: float) -> float:

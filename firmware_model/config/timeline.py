@@ -34,6 +34,8 @@ def timeline(scenario: Scenario) -> tuple[Span, ...]:
     >>> from firmware_model.config.scenario import load_scenario
     >>> timeline(load_scenario("gust-front"))[0].text
     'mode hold'
+    >>> timeline(load_scenario("payload-drop"))[0].text
+    'payload mass share -0.3; inertia share -0.18, -0.225, -0.45'
     """
     spans = [
         *_air(scenario, "gust", scenario.wind),
@@ -93,14 +95,15 @@ def _event(event: Any, duration_s: float) -> Span:
 
 
 def describe_event(event: Any) -> str:
-    """Return an event in a few words: its kind and its values."""
+    """Return an event in a few words: its kind and its values, by name where there are several."""
     if event.kind == "mode":
         return f"mode {event.mode}"
     if event.kind == "attitude":
         return f"reference {_value(event.euler_deg) or '0'} deg"
-    values = [getattr(event, each.name) for each in fields(event) if each.name not in ("kind", "at_s", *_EVENT_ENDS)]
-    told = " ".join(text for value in values if (text := _value(value)))
-    return f"{_words(event.kind)} {told}".strip()
+    names = [each.name for each in fields(event) if each.name not in ("kind", "at_s", *_EVENT_ENDS)]
+    told = {_words(name): text for name in names if (text := _value(getattr(event, name)))}
+    values = told.values() if len(told) == 1 else (f"{name} {text}" for name, text in told.items())
+    return " ".join((_words(event.kind), "; ".join(values))).strip()
 
 
 def _value(value: Any) -> str:

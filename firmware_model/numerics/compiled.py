@@ -7,6 +7,7 @@ function is an entry point that Python calls; its machine code is kept on disk.
 import re
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -18,6 +19,24 @@ from numba.extending import intrinsic, overload, register_jitable
 
 _CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _import_arrays() -> None:
+    """Import numba's functions of arrays without scipy's matrices, which no kernel uses.
+
+    Numba would import `scipy.linalg` only to know that it is there, which takes a tenth of a second at each start. It
+    looks again before it compiles a product of matrices.
+    """
+    linalg: Any = import_module("numba.np.linalg")
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = look
+
+
+_import_arrays()
 
 
 def _compile_part(typing: Any, target: Any, _: Any, *rest: Any) -> Any:
@@ -117,11 +136,11 @@ def _find_kernel_folders(package: Path) -> set[Path]:
     """Return the folders of `package` with kernels, and with modules that kernels import constants from."""
     folders = set()
     for source in package.rglob("*.py"):
-        text = source.read_text(encoding="utf-8")
-        if "numerics.compiled import" in text:
+        text = source.read_bytes()
+        if b"numerics.compiled import" in text:
             folders.add(source.parent)
-            for module in re.findall(rf"^from {package.name}((?:\.\w+)*)", text, re.MULTILINE):
-                path = package.joinpath(*module.split(".")[1:])
+            for module in re.findall(rf"^from {package.name}((?:\.\w+)*)".encode(), text, re.MULTILINE):
+                path = package.joinpath(*module.decode().split(".")[1:])
                 folders.add(path if path.is_dir() else path.parent)
     return folders
 

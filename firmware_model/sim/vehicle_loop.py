@@ -78,6 +78,7 @@ class VehicleLoop:
         self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
         self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
         self._thrust_max, self.rotor_count = vehicle.rotors.total_thrust, vehicle.rotors.count
+        self._torque_limit = np.array(vehicle.torque_limit)
         self._wrench = vehicle.rotors.wrench * vehicle.rotors.thrust_max
         self._on_ground_load = _GROUND_LOAD_SHARE * vehicle.mass * GRAVITY
         self._battery = vehicle.battery if scenario.free else None
@@ -165,6 +166,12 @@ class VehicleLoop:
     def thrust(self) -> float:
         """[-] Collective thrust at the sample, as a fraction of the largest."""
         return -float(self._fields["thrust_z"][0]) / self._thrust_max
+
+    @property
+    def torque_command(self) -> Vector:
+        """[-] B, torque commanded at the sample before, as a fraction of `torque_limit`."""
+        roll, pitch, yaw = (self._fields["torque_command_B"] / self._torque_limit).tolist()
+        return roll, pitch, yaw
 
     @property
     def rotors(self) -> tuple[float, ...]:

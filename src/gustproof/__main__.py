@@ -1,5 +1,6 @@
 """The command `gustproof`, also run as `python -m gustproof`."""
 
+import atexit
 import gc
 import os
 import signal
@@ -13,6 +14,7 @@ def main() -> None:
     # Matrices here are small: BLAS threads would wait for each other longer than they compute.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(100_000)  # what is imported stays: to look for garbage in it takes a sixth of the start
+    atexit.register(gc.freeze)  # nor is it looked through at the end
     from gustproof.cli.app import app
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)

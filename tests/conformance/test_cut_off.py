@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.recording.durable_file import is_growing
 from gustproof.cli.app import app
 from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
@@ -41,9 +42,17 @@ def fly(tmp_path: Path, *arguments: str, **options: object) -> subprocess.Comple
 
 
 def wait_for_the_processes_of(run: Path) -> None:
-    """Wait until no process of a flight is left: without their parent they end in order."""
+    """Wait until no process of a flight is left: without their parent they end in order.
+
+    A process that is killed loses its command line a moment before its hold on the journal.
+    """
+
+    def are_left() -> bool:
+        lines = (" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"]))
+        return any(str(run) in line for line in lines) or any(map(is_growing, run.glob("*.journal")))
+
     deadline = time.monotonic() + ENOUGH_S
-    while any(str(run) in " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])):
+    while are_left():
         assert time.monotonic() < deadline
         time.sleep(0.05)
 

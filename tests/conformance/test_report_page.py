@@ -204,6 +204,13 @@ def test_the_page_fits_its_window(opened, width):
     assert browser.run("document.documentElement.scrollWidth") <= width
     widest = browser.run("Math.max(...charts.drawn.map(({ plot }) => plot.root.getBoundingClientRect().right))")
     assert widest <= width
+    apart = browser.run(  # a tile's values from the middle of their flight's name, which they stand beside or below
+        "[...document.querySelectorAll('.tile li')].map((li) => [li.querySelector('.name'), "
+        "li.querySelector('b, strong')].map((part) => part.getBoundingClientRect())).map(([name, value]) => "
+        "[value.top + value.height / 2 - name.top - name.height / 2, name.width])"
+    )
+    assert len(apart) == 8
+    assert all(-5.0 < down < (40.0 if width < 600 else 5.0) and wide > 60.0 for down, wide in apart)
 
 
 def luminance(shown):

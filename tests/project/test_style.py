@@ -40,6 +40,8 @@ class Module(NamedTuple):
     """Parts of its dotted name: package, rooms, file."""
     tree: ast.Module
     """What it says."""
+    nodes: list[ast.AST]
+    """All nodes of the tree, which nearly each rule looks through."""
 
 
 @cache
@@ -50,21 +52,21 @@ def modules() -> list[Module]:
         for path in sorted((source / package).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             name = path.relative_to(source).with_suffix("").parts
-            found.append(Module(str(path.relative_to(ROOT)), name, tree))
+            found.append(Module(str(path.relative_to(ROOT)), name, tree, list(ast.walk(tree))))
     return found
 
 
 def functions() -> Iterator[tuple[str, Function]]:
     """Yield each function with its place."""
     for module in modules():
-        for node in ast.walk(module.tree):
+        for node in module.nodes:
             if isinstance(node, FUNCTIONS):
                 yield f"{module.path}:{node.lineno} {node.name}", node
 
 
-def docstrings(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def docstrings(module: Module) -> Iterator[tuple[int, str]]:
     """Yield the docstrings of modules, classes, functions and attributes, each with its line."""
-    for node in ast.walk(tree):
+    for node in module.nodes:
         for item in getattr(node, "body", []) if isinstance(node, ast.Module | ast.ClassDef | Function) else []:
             if (
                 isinstance(item, ast.Expr)
@@ -81,9 +83,9 @@ def text_of(node: ast.expr) -> str:
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
-def helps(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def helps(module: Module) -> Iterator[tuple[int, str]]:
     """Yield the texts that the command line shows, each with its line."""
-    for node in ast.walk(tree):
+    for node in module.nodes:
         if isinstance(node, ast.keyword) and node.arg in HELP_KEYWORDS and text_of(node.value):
             yield node.value.lineno, text_of(node.value)
 
@@ -114,7 +116,7 @@ def long_sentences(text: str) -> Iterator[str]:
 
 def questioning_docstrings() -> Iterator[str]:
     for module in modules():
-        for line, text in docstrings(module.tree):
+        for line, text in docstrings(module):
             first = re.match(r"\W*(\w+)", text)
             if first and first[1].lower() in QUESTIONS:
                 yield f"{module.path}:{line} {text.splitlines()[0][:90]}"
@@ -122,13 +124,13 @@ def questioning_docstrings() -> Iterator[str]:
 
 def long_sentences_in_docstrings() -> Iterator[str]:
     for module in modules():
-        for line, text in docstrings(module.tree):
+        for line, text in docstrings(module):
             yield from (f"{module.path}:{line} {sentence}" for sentence in long_sentences(text))
 
 
 def long_sentences_in_help() -> Iterator[str]:
     for module in modules():
-        for line, text in helps(module.tree):
+        for line, text in helps(module):
             yield from (f"{module.path}:{line} {sentence}" for sentence in long_sentences(text))
 
 
@@ -149,6 +151,7 @@ def many_parameters() -> Iterator[str]:
             yield f"{place}: {count} parameters"
 
 
+@cache
 def count_branches(function: Function) -> int:
     """Return how many ways fork in a function and those inside it: statements, expressions, `and` and `or`."""
     forks = ast.If | ast.IfExp | ast.For | ast.While | ast.comprehension | ast.ExceptHandler | ast.match_case
@@ -178,7 +181,7 @@ def repeated_module_names() -> Iterator[str]:
 
 def private_imports_across_rooms() -> Iterator[str]:
     for module in modules():
-        for node in ast.walk(module.tree):
+        for node in module.nodes:
             if isinstance(node, ast.ImportFrom) and node.module:
                 foreign = tuple(node.module.split("."))[:2] != module.name[:2]
                 private = [alias.name for alias in node.names if re.match(r"_[^_]", alias.name)]
@@ -188,7 +191,7 @@ def private_imports_across_rooms() -> Iterator[str]:
 
 def code_from_text() -> Iterator[str]:
     for module in modules():
-        for node in ast.walk(module.tree):
+        for node in module.nodes:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in {"exec", "eval"}:
                 yield f"{module.path}:{node.lineno} {node.func.id}"
 

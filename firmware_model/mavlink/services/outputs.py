@@ -1,10 +1,11 @@
-"""Outputs: the tracked set-points, and the rotors' thrusts as fractions and as pulse widths of a real vehicle's motors.
+"""Outputs: the set-points or torques that act, and the rotors' thrusts as fractions and as pulse widths of real motors.
 
 MAVLink, messages 36, 83, 140, 375.
 """
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.autopilot.modes import Mode
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
@@ -21,6 +22,14 @@ def make_service(context: VehicleContext) -> Service:
     def echo(kind: type[AttitudeTarget | TorqueCommand]) -> Message | None:
         return messages.echo_message(context.setpoint) if isinstance(context.setpoint, kind) else None
 
+    def torques() -> Message | None:
+        autopilot = context.autopilot
+        if not (autopilot.armed and loop.sample) or autopilot.mode is Mode.OFFBOARD:
+            return echo(TorqueCommand)
+        # Set-points have no effect in the other modes, though a controller that stands by sends them.
+        own = TorqueCommand(time_us=loop.observe().time_us, torque_B=loop.torque_command, throttle=None)
+        return messages.echo_message(own)
+
     def servos() -> Message:
         time_us = loop.observe().time_us % 2**32
         pulses = [_PULSE_US[0] + round(_PULSE_US[1] * min(max(thrust, 0.0), 1.0)) for thrust in loop.rotors]
@@ -35,7 +44,7 @@ def make_service(context: VehicleContext) -> Service:
     return Service(
         streams={
             wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(lambda: echo(AttitudeTarget), 100_000),
-            wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Stream(lambda: echo(TorqueCommand), 100_000),
+            wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Stream(torques, 100_000),
             wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(servos, 100_000),
             wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: Stream(outputs, 100_000),
         }

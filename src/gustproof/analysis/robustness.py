@@ -9,7 +9,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.certify.mu.axis_loop import AxisLoop, axis_loop
 from gustproof.certify.mu.sweep import Bracket
-from gustproof.certify.mu.zero_exclusion import ParameterBox, is_proven, proven_bands
+from gustproof.certify.mu.zero_exclusion import End, ParameterBox, is_proven, proven_bands
 from gustproof.law.form import Law, Matrix
 from gustproof.model.uncertainty import Spreads
 
@@ -21,6 +21,10 @@ _PEAK_SHARES = (1.001, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0, 4.0)
 """[-] multiples of the largest peak found that are tried in turn."""
 _BANDS, _BAND_POINTS, _BAND_LAGS, _BAND_FACTORS = 48, 8, 401, 120
 """Bands of frequency, points and lags tried on each, and multiples of the spreads tried for a proof."""
+_QUICK_SHARES, _QUICK_CELLS = (0.95, 0.8), 20_000
+"""[-] shares of the multiple at which a corner is unstable, and cells of a proof, that save the search below it."""
+_HOPELESS = 1.02
+"""[-] share of a multiple found to have a pole, above which no proof is tried: the lags tried are that far apart."""
 _LOWEST_BAND = 0.5
 """[rad/s] begin of the first band."""
 _FACTORS, _DIRECTIONS = 64, 65
@@ -144,24 +148,32 @@ def robustness_over_frequency(
     loop = _nominally_stable_loop(law, vehicle, scenario, axis)
     limit = _LARGEST_DEVIATION / max(spreads.inertia, spreads.actuator_lag)
     omega = np.geomspace(_LOWEST_BAND, 0.999 * math.pi / loop.dt, _BANDS + 1)
-    unbounded, mu_proved = np.full(_BANDS, math.inf), np.full(_BANDS, math.inf)
-    for factor in np.geomspace(limit, 0.05 * limit, _BAND_FACTORS).tolist():
-        proven = proven_bands(loop, _box(loop, spreads, factor), omega, unbounded)
-        mu_proved[proven & np.isinf(mu_proved)] = 1.0 / factor
-        if np.all(np.isfinite(mu_proved)):
-            break
+    mu_found = _mu_on_bands(loop, spreads, omega, limit)
     S_found, S_proved = _peaks_on_bands(loop, spreads, omega), np.full(_BANDS, math.inf)
+    box = _box(loop, spreads, np.ones(_BANDS))
     for share in _PEAK_SHARES[3:]:
-        proven = proven_bands(loop, _box(loop, spreads, 1.0), omega, share * S_found)
-        S_proved = np.where(proven & np.isinf(S_proved), share * S_found, S_proved)
+        proven = proven_bands(loop, box, omega, share * S_found, np.isinf(S_proved))
+        S_proved = np.where(proven, share * S_found, S_proved)
     return RobustnessOverFrequency(
         omega=omega,
-        mu_proved=mu_proved,
+        mu_proved=_prove_mu(loop, spreads, omega, mu_found, limit),
         mu_floor=1.0 / limit,
-        mu_found=_mu_on_bands(loop, spreads, omega, limit),
+        mu_found=mu_found,
         S_proved=S_proved,
         S_found=S_found,
     )
+
+
+def _prove_mu(loop: AxisLoop, spreads: Spreads, omega: Matrix, mu_found: Matrix, limit: float) -> Matrix:
+    """Return 1 over the largest multiple of the spreads proved on each band (k,) [-], by bisection of those tried."""
+    factors = np.geomspace(0.05 * limit, limit, _BAND_FACTORS)
+    proved, failed = np.full(_BANDS, -1), np.sum(factors[:, None] * mu_found < _HOPELESS, axis=0)
+    while np.any(tried := failed - proved > 1):
+        middle = (proved + failed) // 2
+        box = _box(loop, spreads, factors[middle.clip(0)])
+        proven = proven_bands(loop, box, omega, np.full(_BANDS, math.inf), tried)
+        proved, failed = np.where(proven, middle, proved), np.where(tried & ~proven, middle, failed)
+    return np.where(proved < 0, math.inf, 1.0 / factors[proved])
 
 
 def _on_bands(omega: Matrix) -> Matrix:
@@ -203,7 +215,7 @@ def _nominally_stable_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis:
     return loop
 
 
-def _box(loop: AxisLoop, spreads: Spreads, factor: float) -> ParameterBox:
+def _box(loop: AxisLoop, spreads: Spreads, factor: End) -> ParameterBox[End]:
     inertia, lag = factor * spreads.inertia, factor * spreads.actuator_lag
     return ParameterBox(
         inertia=((1.0 - inertia) * loop.inertia, (1.0 + inertia) * loop.inertia),
@@ -220,11 +232,17 @@ def _members(loop: AxisLoop, spreads: Spreads, deltas: Matrix) -> tuple[Matrix, 
 
 
 def _first_instability(loop: AxisLoop, spreads: Spreads, limit: float) -> UnstableMember | None:
-    """Return the unstable member of the least multiple of the spreads found, by grids on the edge and bisection."""
+    """Return the unstable member of the least multiple of the spreads found, by grids on the edge and bisection.
+
+    Multiples proved to have none are left out.
+    """
     edge = np.linspace(-1.0, 1.0, _DIRECTIONS)
     directions = np.concatenate([[(x, end), (end, x)] for x in edge for end in (-1.0, 1.0)])
     step = limit / _FACTORS
     factor, found = step, None
+    proved = _prove_most(loop, spreads, step)
+    while factor <= proved:
+        factor += step
     while factor <= limit:
         radii = loop.spectral_radius(*_members(loop, spreads, factor * directions))
         direction = directions[int(np.argmax(radii))]
@@ -238,6 +256,17 @@ def _first_instability(loop: AxisLoop, spreads: Spreads, limit: float) -> Unstab
         else:
             factor += step
     return found
+
+
+def _prove_most(loop: AxisLoop, spreads: Spreads, step: float) -> float:
+    """Return a multiple of the spreads that is quickly proved stable: a share of the first unstable corner's, or 0."""
+    corners = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+    factors = step * np.arange(1, _FACTORS + 1)
+    members = (factors[:, None, None] * corners).reshape(-1, 2)
+    radii = loop.spectral_radius(*_members(loop, spreads, members)).reshape(_FACTORS, -1).max(axis=1)
+    first = factors[np.argmax(radii >= 1.0)] if np.any(radii >= 1.0) else factors[-1]
+    tried = [share * first for share in _QUICK_SHARES]
+    return next((each for each in tried if is_proven(loop, _box(loop, spreads, each), most=_QUICK_CELLS)), 0.0)
 
 
 def _bisect(loop: AxisLoop, spreads: Spreads, direction: Matrix, inside: float, outside: float) -> float:

@@ -3,15 +3,12 @@
 The producer grows a box until it maps into itself; what it proves is said by `gustproof.certify.check.gaussian_box`.
 """
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 from firmware_model.config.files import read_text
 from firmware_model.config.scenario import load_scenario, scenario_path
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
-from gustproof.certify.boundedness import FlightCertificate, find_norms, grow_box
-from gustproof.certify.check.evidence import check_certificate
+from gustproof.certify.boundedness import FlightCertificate, find_norms, grow_box, judge_box
 from gustproof.certify.check.flight_box import MomentClass
 from gustproof.certify.check.gaussian_box import KIND, bound_flight, map_gaussian_box, read_scope
 from gustproof.certify.check.system import Refusal, finite, sha256
@@ -68,27 +65,5 @@ def certify_chance(law: str | Path, vehicle: str | Path, scenario: str | Path, r
         "samples": samples,
         "box": [[float(value) for value in row] for row in box],
     }
-    certificate = FlightCertificate(
-        proven=False,
-        statement=f"no box is proven for law '{flight.system.name}' in this air",
-        part=None,
-        estimate_deg=None,
-        truth_deg=None,
-        moment_class=MomentClass.HELD,
-        assumes={},
-        evidence=evidence,
-    )
-    if not box:
-        return certificate
-    text = json.dumps(certificate.to_dict())
-    verdict = check_certificate(text, law=texts["law"], vehicle=texts["vehicle"], scenario=texts["scenario"])
-    if not verdict.accepted:
-        return replace(certificate, statement=verdict.reason)
-    return replace(
-        certificate,
-        proven=True,
-        statement=verdict.reason,
-        estimate_deg=verdict.figures["estimate_deg"],
-        truth_deg=verdict.figures["truth_deg"],
-        assumes=verdict.assumes,
-    )
+    nothing = f"no box is proven for law '{flight.system.name}' in this air"
+    return judge_box(evidence, nothing, MomentClass.HELD, **texts)

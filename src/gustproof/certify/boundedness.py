@@ -176,9 +176,35 @@ def certify_boundedness(
         raise ValueError(str(refusal)) from None
     part, box = _largest_part(system, claim, norms)
     evidence |= {"part": float(part), "samples": samples, "box": [[float(value) for value in row] for row in box]}
-    certificate = FlightCertificate(
+    nothing = f"no part of the moment is proven for law '{system.name}'"
+    return judge_box(evidence, nothing, moment_class, law=law_text, vehicle=vehicle_text)
+
+
+def judge_box(
+    evidence: dict[str, Any],
+    nothing: str,
+    moment_class: MomentClass,
+    *,
+    law: str,
+    vehicle: str,
+    scenario: str | None = None,
+) -> FlightCertificate:
+    """Return the certificate that the judge makes of evidence; an unproven one without a box, or if it refuses.
+
+    Parameters
+    ----------
+    evidence
+        Evidence with its `box`, empty where none was found.
+    nothing
+        Statement of a certificate without a box.
+    moment_class
+        Class of the moment between the samples.
+    law, vehicle, scenario
+        Texts of the files that the evidence is about.
+    """
+    unproven = FlightCertificate(
         proven=False,
-        statement=f"no part of the moment is proven for law '{system.name}'",
+        statement=nothing,
         part=None,
         estimate_deg=None,
         truth_deg=None,
@@ -186,17 +212,17 @@ def certify_boundedness(
         assumes={},
         evidence=evidence,
     )
-    if not box:
-        return certificate
-    verdict = check_certificate(json.dumps(certificate.to_dict()), law=law_text, vehicle=vehicle_text)
+    if not evidence["box"]:
+        return unproven
+    verdict = check_certificate(json.dumps(unproven.to_dict()), law=law, vehicle=vehicle, scenario=scenario)
     if not verdict.accepted:
-        return replace(certificate, statement=verdict.reason)
+        return replace(unproven, statement=verdict.reason)
     figures = verdict.figures
     return replace(
-        certificate,
+        unproven,
         proven=True,
         statement=verdict.reason,
-        part=figures["part"],
+        part=figures.get("part"),
         estimate_deg=figures["estimate_deg"],
         truth_deg=figures["truth_deg"],
         assumes=verdict.assumes,

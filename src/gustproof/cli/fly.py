@@ -169,7 +169,9 @@ def fly(
 
 def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
     if len(laws) > 1 and not allowed:
-        raise ConfigError("more than one --law is for --view of our own flights; `gustproof compare` flies them all")
+        raise ConfigError(
+            "several --law need --view, and our own autopilot; or fly each, then: gustproof report RUN RUN"
+        )
 
 
 def _make_plans(

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from firmware_model.errors import ConfigError
+from gustproof.cli.options import working
 
 
 def guide(
@@ -47,7 +48,9 @@ def guide(
     if pictures is not None:
         from gustproof.guide.drawings import draw_pictures
 
-        print("\n".join(map(str, draw_pictures(pictures))))
+        with working(f"drawing {pictures}", quiet=False):
+            drawn = draw_pictures(pictures)
+        print("\n".join(map(str, drawn)))
         return
     from tempfile import mkdtemp
 
@@ -58,7 +61,8 @@ def guide(
     if output is not None and output.is_dir() and any(output.iterdir()) and not (output / "guide.css").exists():
         raise ConfigError(f"{output}: holds other files, and no guide to replace")
     folder = Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output
-    write_site(load_pages(options_page(context.find_root())), folder)
+    with working(f"writing {folder}", quiet=False):
+        write_site(load_pages(options_page(context.find_root())), folder)
     opened = (folder / f"{page}.html").resolve()
     print(opened)
     if browse:

@@ -8,6 +8,7 @@ not reached adds 0 at the end of a sum and changes no bit.
 """
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,8 +55,12 @@ class SparseLaw(NamedTuple):
     """(k, SCHEDULE_SIZE + k) parameters of a schedule, and its L; k is 0 without one."""
 
 
+@lru_cache(maxsize=16)
 def sparse_law(law: Law) -> SparseLaw:
-    """Return the terms of a law whose coefficient is not 0, padded to blocks of `TERM_BLOCK`."""
+    """Return the terms of a law whose coefficient is not 0, padded to blocks of `TERM_BLOCK`.
+
+    They are kept, as a short flight takes less time than they do; nobody may change them.
+    """
     own = law.rate_limit or RateLimit(S=_NONE, T=_NONE, U=_NONE, V=_NONE, limits=np.full(3, np.inf))
     turn = law.schedule or Schedule(parameters=(), limits=_NONE, J=_NONE, K=_NONE, L=_NONE, P=_NONE, Q=_NONE)
     n, k = law.order, len(turn.parameters)

@@ -162,11 +162,11 @@ def cos_lower_bound(x: Fraction) -> Fraction:
 
 def exp_lower_bound(x: Fraction) -> Fraction:
     """Return a number not above `exp x` for x >= 0: the start of its series."""
-    total = term = Fraction(1)
-    for k in range(1, 200):
-        term *= x / k
-        total += term
-    return total
+    total = multiple = 1  # integers, of the rest of the series over its first term, by Horner's rule
+    for k in range(199, 0, -1):
+        multiple *= k * x.denominator
+        total = multiple + x.numerator * total
+    return Fraction(total, multiple)
 
 
 def _alternating_sum(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:

@@ -43,9 +43,8 @@ class RealBlock:
     def __post_init__(self) -> None:
         """Check the range."""
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.nominal < self.high):
-            raise ValueError(
-                f"parameter '{self.name}': low {self.low} < nominal {self.nominal} < high {self.high} fails"
-            )
+            given = f"{self.low}, {self.nominal}, {self.high}"
+            raise ValueError(f"parameter '{self.name}': needs finite low < nominal < high, got {given}")
         if self.repeats < 1:
             raise ValueError(f"parameter '{self.name}' is repeated {self.repeats} times, must be at least once")
 

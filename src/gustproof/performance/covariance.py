@@ -200,11 +200,10 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     `Q` is the covariance of `n`. `F` need not be stable: a gyro-only attitude is a random walk without a stationary
     covariance. Computed by doubling, in log2(count) products of size n.
     """
-    n = F.shape[-1]
     # after m steps: F^m, covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'
-    power, reached, total, initial = np.eye(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-    m = 0
-    for bit in f"{count:b}":
+    power, reached, total, initial = F, Q, np.zeros_like(P), P
+    m = 1
+    for bit in f"{count:b}"[1:]:
         total = total + m * reached + power @ total @ power.mT
         initial = initial + power @ initial @ power.mT
         reached = reached + power @ reached @ power.mT

@@ -20,6 +20,7 @@ from gustproof.model.lpv import PARAMETERS, scheduling_parameters
 from gustproof.performance.tradeoff import TradeOff
 from gustproof.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
 from gustproof.scoring.metrics import Metrics, attitude
+from gustproof.synthesis.derive import WeightedTransfer
 from gustproof.synthesis.tune import Tuning
 from gustproof.types import Array, Records
 
@@ -78,7 +79,7 @@ def save_moments(records: Records, path: Path) -> None:
 def save_histories(kind: str, flights: Flights, title: str, path: Path) -> None:
     """Draw one of `HISTORIES` of several laws in the same air."""
     heading, labels, values = HISTORIES[kind]
-    _draw_stacked(flights, values, labels, f"{heading}: {title}", path)
+    _draw_stacked(flights, values, labels, f"{heading}: {title}", path, closer=kind == "euler-angles")
 
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
@@ -94,7 +95,7 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
             axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
         margin = 0.12 * (parameter.high - parameter.low)
         axes.set_ylim(min(parameter.low, values.min()) - margin, max(parameter.high, values.max()) + margin)
-        axes.set_xlim(0.0, time[-1])
+        axes.set_xlim(0.0, _end_of(records))
         _style_axes(axes, f"{parameter.label} = {parameter.meaning}")
     grid[0, 1].axis("off")
     lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
@@ -104,23 +105,46 @@ def save_scheduling(records: Records, law: str, path: Path) -> None:
     save_figure(figure, path)
 
 
-def save_singular_values(frequency: Array, curves: Mapping[str, Array], level: float, title: str, path: Path) -> None:
+def save_singular_values(
+    frequency: Array,
+    curves: Mapping[str, Array],
+    level: float,
+    title: str,
+    path: Path,
+    transfers: Sequence[WeightedTransfer] = (),
+) -> None:
     """Draw singular values (n, k) [dB] over `frequency` (n,) [rad/s] by name, and the bound of "w to z".
 
-    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out.
+    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out. In
+    rows below stand `transfers` without their weights, dashed the bounds that level and weights set. A paper's column
+    has no room for them.
     """
-    figure = _new_figure((4.2 * len(curves) + 0.4, 4.2), title)
-    for axes, (name, values), colour in zip(panels(figure, 1, len(curves)), curves.items(), _CURVES, strict=False):
+    columns, transfers = len(curves), () if is_paper() else transfers
+    rows = 1 + math.ceil(len(transfers) / columns)
+    figure = _new_figure((4.2 * columns + 0.4, 3.9 * rows + 0.3), title)
+    drawn = panels(figure, rows, columns)
+    for axes, (name, values), colour in zip(drawn, curves.items(), _CURVES, strict=False):
         real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
         lines = axes.semilogx(frequency, _decibels(real), color=colour, linewidth=1.3)
         peak = float(np.max(real))
-        lines[0].set_label(f"{name}, peak {peak:.2f}" if name.startswith("S") else name)
+        lines[0].set_label(f"{name}, peak {peak:.2f}" if name[0] in "ST" else name)
         bound, label = (level, f"γ = {level:.4g}") if name == "w to z" else (1.0, "0 dB")
         axes.axhline(20.0 * math.log10(bound), color="#d55e00", linestyle="--", linewidth=1.0, label=label)
         _limit_floor(axes)
         _style_axes(axes, "singular values [dB]", x_label="frequency [rad/s]")
         axes.set_xlim(frequency[0], frequency[-1])
         axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
+    for axes, transfer in zip(drawn[columns:], transfers, strict=False):
+        for axis, gains, bounds, colour in zip(_AXES, transfer.gains.T, transfer.bounds.T, _AXIS_COLOURS, strict=True):
+            axes.semilogx(frequency, _decibels(gains), color=colour, linewidth=1.3, label=axis)
+            axes.semilogx(frequency, _decibels(bounds), color=colour, linestyle="--", linewidth=1.0)
+        label = "gain [dB re ({})/({})]".format(*transfer.units)
+        _style_axes(axes, label, f"{transfer.cause} to {transfer.effect}", "frequency [rad/s]")
+        axes.set_ylim(bottom=float(np.max(_decibels(transfer.gains))) - _MOST_DB)
+        axes.set_xlim(frequency[0], frequency[-1])
+        axes.legend(title="dashed: γ over weights", frameon=False, fontsize=font_size(8), title_fontsize=font_size(8))
+    for axes in drawn[columns + len(transfers) :]:
+        axes.axis("off")
     save_figure(figure, path)
 
 
@@ -267,38 +291,65 @@ def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
 
 
 def _draw_stacked(
-    flights: Flights, values: Callable[[Records], Array], labels: tuple[str, ...], title: str, path: Path
+    flights: Flights,
+    values: Callable[[Records], Array],
+    labels: tuple[str, ...],
+    title: str,
+    path: Path,
+    *,
+    closer: bool = False,
 ) -> None:
-    """Draw three axes below each other; of more than `_MOST_TRACES` flights the rms of each second, on a log axis."""
-    figure = _new_figure((8.0, 6.4), title)
-    rows = panels(figure, 3, 1, sharex=True)
+    """Draw three axes below each other; of more than `_MOST_TRACES` flights the rms of each second, on a log axis.
+
+    With `closer`, a second column then shows the flights of least rms as they are, on a scale of their own.
+    """
     many = len(flights) > _MOST_TRACES
     curves = {law: values(records) for law, records in flights.items()}
-    # The most agitated curve is drawn first, as it would hide the others.
-    for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
-        time, columns = _time(flights[law]), curves[law]
-        if many:
-            time, columns = _rms_by_second(time, columns)
-        for i, axes in enumerate(rows):
-            axes.plot(time, columns[:, i], color=_colour(law), linewidth=1.0, label=law)
-    for axes, label in zip(rows, labels, strict=True):
-        _style_axes(axes, label)
-        if many:
-            _style_rms(axes, label)
-    rows[-1].set_xlabel("time [s]")
-    rows[-1].set_xlim(0.0, max(_time(records)[-1] for records in flights.values()))
+    least = sorted(curves, key=lambda law: float(np.mean(curves[law] ** 2)))[:_MOST_TRACES] if many and closer else []
+    columns = 1 + bool(least)
+    figure = _new_figure((8.0 if columns == 1 else 13.0, 6.4), title)
+    rows = panels(figure, 3, columns, sharex=True)
+    _draw_column(rows[::columns], flights, curves, labels, is_rms=many)
+    if least:
+        _draw_column(rows[1::2], {law: flights[law] for law in least}, curves, labels, is_rms=False)
+        rows[1].set_title(f"the {len(least)} of least rms, as flown", fontsize=font_size(10), color=_INK)
     if any(flights):
         lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
         figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
     save_figure(figure, path)
 
 
+def _draw_column(
+    rows: Sequence[Axes], flights: Flights, curves: Mapping[str, Array], labels: tuple[str, ...], *, is_rms: bool
+) -> None:
+    # The most agitated curve is drawn first, as it would hide the others.
+    for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
+        time, values = _time(flights[law]), curves[law]
+        if is_rms:
+            time, values = _rms_by_second(time, values)
+        for axes, column in zip(rows, values.T, strict=True):
+            axes.plot(time, column, color=_colour(law), linewidth=1.0, label=law)
+    for axes, label in zip(rows, labels, strict=True):
+        _style_axes(axes, label)
+        if is_rms:
+            _style_rms(axes, label)
+    rows[-1].set_xlabel("time [s]")
+    rows[-1].set_xlim(0.0, max(_end_of(records) for records in flights.values()))
+
+
 def _style_rms(axes: Axes, label: str) -> None:
     """Make the axis of an rms logarithmic, with plain numbers."""
     axes.set_ylabel(f"{label}\nrms of 1 s")
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
-    axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.6)))
+    axes.yaxis.set_major_formatter(_PlainLogFormatter(minor_thresholds=(2.0, 0.6)))
+    axes.yaxis.set_minor_formatter(_PlainLogFormatter(minor_thresholds=(2.0, 0.6)))
+
+
+class _PlainLogFormatter(LogFormatter):
+    """Numbers as 0.02, not 2e-02, where `LogFormatter` writes any."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def _rms_by_second(time: Array, columns: Array) -> tuple[Array, Array]:
@@ -340,3 +391,9 @@ def _colour(law: str) -> Any:
 
 def _time(records: Records) -> Array:
     return np.asarray(records["time_us"] * 1e-6)
+
+
+def _end_of(records: Records) -> float:
+    """Return the end of the last sample's step [s], so that an axis has its last tick."""
+    time = _time(records)
+    return float(time[-1] + (time[-1] - time[0]) / max(len(time) - 1, 1))

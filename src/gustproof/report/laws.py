@@ -87,8 +87,9 @@ def save_design_figure(report: DesignReport, path: Path) -> None:
     """Draw the singular values of a design."""
     from gustproof.report.figures import save_singular_values
 
-    values = report.singular_values(_FREQUENCIES)
-    save_singular_values(_FREQUENCIES, values, report.result.gamma, f"Design {report.design.name}", path)
+    curves, transfers = report.singular_values(_FREQUENCIES), report.weighted_transfers(_FREQUENCIES)
+    title = f"Design {report.design.name}"
+    save_singular_values(_FREQUENCIES, curves, report.result.gamma, title, path, transfers)
 
 
 def render_tuning(tuning: Tuning) -> Renderable:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,21 @@ _AXES = ("roll", "pitch", "yaw")
 
 Solver = Callable[[Design, Interconnection], CheckedController]
 """Function that returns the controller for a design's labelled diagram."""
+
+
+class WeightedTransfer(NamedTuple):
+    """Gain from one cause to one effect of a design, axis by axis, without the weights, and its bound by them."""
+
+    cause: str
+    """Exogenous input."""
+    effect: str
+    """Performance output."""
+    units: tuple[str, str]
+    """Units of the effect and of the cause."""
+    gains: Matrix
+    """(k, 3) [units] gains of roll, pitch and yaw, over frequency."""
+    bounds: Matrix
+    """(k, 3) [units] level divided by the gains of both weights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,11 +79,35 @@ class DesignReport:
         G, K = _loop(self.problem, controller)
         L = series(G, -K)
         S = sensitivity(L)
-        transfers = {"w to z": lft(self.problem.plant(), controller), "S, plant input": S, "L, plant input": L}
-        return {
-            name: np.asarray(np.linalg.svd(system.response(omega), compute_uv=False), dtype=np.float64)
-            for name, system in transfers.items()
+        responses = {
+            "w to z": lft(self.problem.plant(), controller).response(omega),
+            "S, plant input": (response := S.response(omega)),
+            "T, plant input": np.eye(S.n_outputs) - response,
+            "L, plant input": L.response(omega),
         }
+        return {
+            name: np.asarray(np.linalg.svd(values, compute_uv=False), dtype=np.float64)
+            for name, values in responses.items()
+        }
+
+    def weighted_transfers(self, omega: Matrix) -> tuple[WeightedTransfer, ...]:
+        """Return the transfer from each cause to each effect at the frequencies `omega` (k,) [rad/s]."""
+        design, problem = self.design, self.problem
+        response = lft(problem.plant(), self.result.controller).response(omega)
+        command = "rad/s" if design.rate_loop_lag is not None else "N m"
+        inputs = [("w_d", "moment", "N m", design.W_d), ("w_n", "gyro noise", "rad/s", design.W_n)]
+        if design.W_r is not None:
+            inputs.append(("w_r", "reference", "rad", design.W_r))
+        outputs = (("z_e", "attitude error", "rad", design.W_e), ("z_u", "command", command, design.W_u))
+        found = []
+        for w, cause, cause_unit, W_in in inputs:
+            for z, effect, effect_unit, W_out in outputs:
+                rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
+                scale = _weight_gains(W_out.system(), omega) * _weight_gains(W_in.system(), omega)
+                gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
+                units = (effect_unit, cause_unit)
+                found.append(WeightedTransfer(cause, effect, units, gains, self.result.gamma / scale))
+        return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON values; numbers that are not finite become `None`."""
@@ -217,3 +256,14 @@ def margins_to_dict(margins_: Margins) -> dict[str, Any]:
 
 def _nonfinite_to_none(figures: dict[str, float]) -> dict[str, float | None]:
     return {name: value if math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _component_slice(names: tuple[str, ...], name: str) -> slice:
+    """Return the slice of a signal of three components in a vector of such signals."""
+    start = 3 * names.index(name)
+    return slice(start, start + 3)
+
+
+def _weight_gains(weight: Lti, omega: Matrix) -> Matrix:
+    """Return the gains (k, 3) of a diagonal weight."""
+    return np.abs(np.diagonal(weight.response(omega), 0, 1, 2))

@@ -224,7 +224,7 @@ def test_discs_hold_the_polynomial_over_the_whole_cell():
     for p in (loop.denominator, loop.numerator):
         coefficients = np.array(p, dtype=np.float64)
         t, h = rng.uniform(0.0, 1.0, 50), rng.uniform(0.0, 0.1, 50)
-        disc = zero_exclusion._disc(p, t, h)
+        (disc,) = zero_exclusion._discs(coefficients[None], t, h)
         for share in np.linspace(-1.0, 1.0, 21):
             values = np.polyval(coefficients[::-1], 1j * (t + share * h))
             assert np.all(np.abs(values - disc.centre) <= disc.by_frequency)
@@ -276,7 +276,7 @@ def test_a_disc_of_a_line_holds_every_change_of_its_coefficients():
 def test_every_radius_counts_in_full_against_the_distance(radius, monkeypatch):
     # v in [1, 2]: the segment from 5 - v (1 + j) is nearest to 0 at v = 2, where |3 - 2j|^2 = 13; half of |f0| is 2.5
     loop = gain_loop(1.0)
-    box, clearance = ParameterBox(inertia=(0.5, 1.0), lag=(0.05, 0.05)), 0.5
+    inertia, clearance = (0.5, 1.0), 0.5
     distance = math.sqrt(13.0) - clearance * 5.0
     weight = (1.0 + clearance, 1.0 + clearance, 2.0, 2.0)[radius]
     for share, expected in ((0.999, True), (1.001, False)):
@@ -285,7 +285,7 @@ def test_every_radius_counts_in_full_against_the_distance(radius, monkeypatch):
         f0 = zero_exclusion._Disc(np.array([5.0 + 0.0j]), radii[0:1], radii[1:2])
         f1 = zero_exclusion._Disc(np.array([1.0 + 1.0j]), radii[2:3], radii[3:4])
         monkeypatch.setattr(zero_exclusion, "_enclose", lambda *_, discs=(f0, f1): discs)
-        proven, by_frequency = zero_exclusion._examine(loop, box, clearance, None, False)
+        proven, by_frequency = zero_exclusion._examine(loop, inertia, clearance, None, False)
         assert proven.tolist() == [expected]
         assert by_frequency.tolist() == [radius in (0, 2)]
 
@@ -297,7 +297,7 @@ def test_rounding_is_a_small_part_of_what_widens_the_discs():
             powers = [Fraction(t) ** k for k in range(len(p))]
             terms = [coefficient * power for coefficient, power in zip(p, powers, strict=True)]
             exact = complex(sum(terms[0::4]) - sum(terms[2::4]), sum(terms[1::4]) - sum(terms[3::4]))
-            disc = zero_exclusion._disc(p, np.array([t]), np.zeros(1))
+            (disc,) = zero_exclusion._discs(np.array([p], dtype=np.float64), np.array([t]), np.zeros(1))
             assert abs(disc.centre[0] - exact) < 0.01 * disc.by_frequency[0]
 
 

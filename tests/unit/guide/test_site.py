@@ -36,9 +36,12 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("guide") / "site"
     folder.mkdir()
     (folder / "guide.css").write_text("", encoding="utf-8")
-    result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gustproof.cli.options._FIRST_LINE_S", 0.01)
+        result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open"])
     assert result.exit_code == 0, result.output
-    assert result.output == f"{folder / 'tutorial.html'}\n"
+    assert result.stdout == f"{folder / 'tutorial.html'}\n"
+    assert result.stderr.startswith(f"gustproof: writing {folder}: 0 s\n")
     return folder
 
 

@@ -17,7 +17,7 @@ from gustproof.guide.drawings import WORST_MOMENT, draw_pictures, fly_both, tilt
 from gustproof.law.form import load_law
 from gustproof.scoring.metrics import measure
 
-pytestmark = [pytest.mark.compiled, pytest.mark.usefixtures("_flown_here")]
+pytestmark = [pytest.mark.compiled, pytest.mark.slow, pytest.mark.usefixtures("_flown_here")]
 GUIDE = Path(str(files("gustproof.guide")))
 
 

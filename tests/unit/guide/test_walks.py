@@ -46,7 +46,7 @@ from gustproof.simulate.flight import FlightPlan
 from gustproof.synthesis import methods
 from gustproof.synthesis.mu import musyn
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.slow]
 GUIDE = Path(str(files("gustproof.guide")))
 README = Path(__file__).parents[3] / "README.md"
 WALKED_BESIDE = ("tutorial", "vehicle")

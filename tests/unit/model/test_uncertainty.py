@@ -22,7 +22,7 @@ def test_a_centred_parameter_is_linear_in_delta():
 
 @pytest.mark.parametrize(("low", "high", "nominal"), [(1.0, 2.0, 1.0), (2.0, 1.0, 1.5), (0.0, np.inf, 1.0)])
 def test_a_range_without_an_inside_is_refused(low, high, nominal):
-    with pytest.raises(ValueError, match="parameter 'k': low"):
+    with pytest.raises(ValueError, match="parameter 'k': needs finite low < nominal < high, got"):
         RealBlock(name="k", low=low, high=high, nominal=nominal)
 
 

@@ -14,6 +14,7 @@ from firmware_model.recording.journal import RECORD
 from gustproof.model.rotational import Envelope, paper_rotation
 from gustproof.report import diagrams, figures
 from gustproof.report.figure_style import FigureStyle, figures_as
+from gustproof.synthesis.derive import WeightedTransfer
 from gustproof.synthesis.designs import design_problem, load_design
 
 
@@ -67,6 +68,23 @@ def test_singular_values_that_are_rounding_noise_are_not_drawn(drawn, tmp_path):
     assert [text.get_text() for text in S.get_legend().get_texts()] == ["S, peak 1.00", "0 dB"]
 
 
+def test_transfers_are_drawn_below_the_bounds_of_their_weights_but_in_a_paper(drawn, tmp_path):
+    frequency = np.geomspace(1e-3, 1e3, 50)
+    gains = np.outer(1.0 / (1.0 + frequency), np.ones(3))
+    transfer = WeightedTransfer("moment", "command", ("N m", "N m"), gains, 2.0 * np.ones((50, 3)))
+    values = {"w to z": gains, "S": np.ones((50, 1))}
+    for style in FigureStyle:
+        with figures_as(style):
+            figures.save_singular_values(frequency, values, 1.0, "x", tmp_path / "x.png", [transfer])
+    screen, paper = drawn
+    assert (len(screen.axes), len(paper.axes)) == (4, 2)
+    axes = screen.axes[2]
+    assert axes.get_title() == "moment to command"
+    assert [line.get_linestyle() for line in axes.lines] == 3 * ["-", "--"]
+    assert np.min(axes.lines[1].get_ydata() - axes.lines[0].get_ydata()) == pytest.approx(6.02, abs=0.01)
+    assert not screen.axes[3].axison
+
+
 def test_more_flights_than_an_eye_can_tell_apart_are_drawn_as_rms_of_each_second(drawn, tmp_path):
     figures.save_histories("body-rates", {f"law {i}": flight(0.1 * i) for i in range(1, 11)}, "", tmp_path / "x.png")
     line = next(line for line in drawn[0].axes[0].lines if line.get_label() == "law 3")
@@ -74,6 +92,24 @@ def test_more_flights_than_an_eye_can_tell_apart_are_drawn_as_rms_of_each_second
     expected = np.sqrt(np.mean(flight(0.3)["omega_B"][:, 0] ** 2))
     assert line.get_ydata()[0] == pytest.approx(expected)
     assert len(drawn[0].axes[0].lines) == 10
+
+
+def test_the_angles_of_the_least_rms_stand_beside_those_of_all_as_flown(drawn, tmp_path):
+    flights = {f"law-of-a-long-name-{i}": flight(0.1 / i) for i in range(1, 11)}
+    figures.save_histories("euler-angles", flights, "", tmp_path / "x.png")
+    figure = drawn[0]
+    everyone, least = figure.axes[:2]
+    assert (len(everyone.lines), everyone.get_yscale(), least.get_yscale()) == (10, "log", "linear")
+    assert {line.get_label() for line in least.lines} == {f"law-of-a-long-name-{i}" for i in range(7, 11)}
+    assert np.max(least.lines[0].get_ydata()) == pytest.approx(np.degrees(0.1 / 7), rel=1e-3)
+    assert everyone.yaxis.get_major_formatter()(0.1) == "0.1"
+    assert least.get_xlim() == (0.0, pytest.approx(1.0))  # with the last tick
+
+
+def test_a_legend_is_no_wider_than_its_figure(drawn, tmp_path):
+    flights = {f"flagship-robust-{i}": flight() for i in range(10)}
+    figures.save_histories("torques", flights, "", tmp_path / "x.png")
+    assert drawn[0].legends[0].get_window_extent().width < drawn[0].bbox.width
 
 
 def test_a_figure_for_a_paper_is_a_column_wide_with_its_numbers_beside(drawn, tmp_path):

@@ -111,6 +111,15 @@ def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, mon
     assert not (tmp_path / "summary.json").exists()
 
 
+def test_a_law_that_is_unstable_on_a_vehicle_is_flown_there_without_margins(tmp_path, monkeypatch):
+    def told(laws, margins, *_):
+        raise FlightError(f"margins {margins}, and the flights would begin")
+
+    monkeypatch.setattr(run, "performance_limits", told)
+    with pytest.raises(FlightError, match=r"margins \{'flagship': None\}, and the flights would begin"):
+        run.reproduce(load_vehicle("iris"), (1,), tmp_path, lambda *_: None, {"flagship": load_law("flagship")})
+
+
 def test_another_vehicle_flies_laws_tuned_for_it_and_those_that_are_stable_there(monkeypatch):
     tuned = namedtuple("Tuned", "law")
     monkeypatch.setattr(

@@ -102,6 +102,7 @@ def test_no_singular_value_of_the_closed_loop_is_above_the_norm(derived):
     curves = report.singular_values(np.geomspace(1e-3, 1e3, 60))
     assert np.max(curves["w to z"]) <= report.result.norm * (1.0 + 1e-8)
     assert np.max(curves["S, plant input"]) <= 1.0 / report.continuous.input_disk + 0.5 + 1e-6
+    assert curves["T, plant input"][0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_law_for_rates_commands_rates():

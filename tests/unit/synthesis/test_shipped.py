@@ -2,6 +2,7 @@
 
 import itertools
 import statistics
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -171,22 +172,20 @@ def kicked(moment: tuple[float, ...]) -> Scenario:
     )
 
 
-def worst_kick(law: Law, cases: list[Case]) -> float:
-    """Return the largest error [deg] that a kick of .2 s leaves, to 20 N*m about any axis and (M, M, M/2)."""
-    found = 0.0
+def kick(law: Law, cases: list[Case]) -> Iterator[float]:
+    """Yield the largest error [deg] that each kick of .2 s leaves, to 20 N*m about any axis and (M, M, M/2)."""
     for direction, size in itertools.product(AXES + CORNERS, (5.0, 10.0, 13.0, 16.0, 18.0, 20.0)):
-        found = max(found, *left_deg(kicked(tuple(size * part for part in direction)), law, cases))
-    return found
+        yield max(left_deg(kicked(tuple(size * part for part in direction)), law, cases))
 
 
 @pytest.mark.parametrize("name", LEFT_DEG)
 def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
-    assert worst_kick(load_law(name), off_nominal()[:8]) <= LEFT_DEG[name]
+    assert max(kick(load_law(name), off_nominal()[:8])) <= LEFT_DEG[name]
 
 
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "aided"])
 def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
-    assert worst_kick(load_law(name), off_nominal()[8:]) <= 5.0
+    assert max(kick(load_law(name), off_nominal()[8:])) <= 5.0
 
 
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "hinf-reference"])
@@ -201,7 +200,7 @@ def test_every_step_to_seventy_and_forty_degrees_is_held(name: str) -> None:
 @pytest.mark.parametrize("name", ["flagship", "hinf-scheduled"])
 def test_without_its_limit_a_law_is_knocked_over(name: str) -> None:
     law = replace(load_law(name), rate_limit=None)
-    assert worst_kick(law, off_nominal()[:8]) >= 30.0
+    assert any(left >= 30.0 for left in kick(law, off_nominal()[:8]))
 
 
 def test_only_the_paper_s_own_torque_laws_have_no_limit_of_the_rate() -> None:

@@ -35,6 +35,8 @@ _CHUNKS = 240
 """Stretches of the flight, in each of which a deviation counts as its largest."""
 _FAR = Fraction(12)
 """[-] deviations; the tail beyond is below 1e-32."""
+_ROOT = Fraction(math.floor(exp_lower_bound(Fraction(1, 16)) * (1 << 96)), 1 << 96)
+"""[-] number not above exp(1/16)."""
 
 
 class Deviations(NamedTuple):
@@ -160,6 +162,5 @@ def _tail(bound: Fraction, sigma: Fraction) -> Fraction:
 @lru_cache(maxsize=2048)
 def _tail_of(sixteenths: int) -> Fraction:
     """Return a bound of the probability of deviations whose half square is at least so many sixteenths."""
-    root = Fraction(math.floor(exp_lower_bound(Fraction(1, 16)) * (1 << 96)), 1 << 96)
     z = Fraction(math.isqrt(sixteenths << 29), 1 << 16)  # sqrt(sixteenths / 8), rounded down
-    return round_up(Fraction(4, 5) / (z * root**sixteenths), 128)
+    return round_up(Fraction(4, 5) / (z * _ROOT**sixteenths), 128)

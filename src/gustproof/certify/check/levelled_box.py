@@ -50,12 +50,10 @@ from gustproof.certify.check.estimate_box import (
 from gustproof.certify.check.kernel_norms import COMMAND, UP, X0, X1
 from gustproof.certify.check.levelled_norms import ANGLE, LAG, LEAK, OFFSET, TURN, LevelledNorms
 from gustproof.certify.check.system import LoopSystem
-from gustproof.certify.check.truth_drift import slope_of_T
+from gustproof.certify.check.truth_drift import Three, slope_of_T
 
 _TILT = Fraction(1, 1 << 22)
 """[rad] error of tilt from a force in float32."""
-Three = list[Fraction]
-"""A bound of each component of a vector."""
 
 
 class _Motion(NamedTuple):

@@ -11,6 +11,7 @@ One lag fixes both beta and c: it is one parameter. The characteristic polynomia
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ Polynomial = tuple[Fraction, ...]
 """Coefficients of s, the constant first."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AxisLoop:
     """Polynomials of the loop in `s = (z - 1) / (z + 1)`, where s = j tan(omega dt / 2) on the unit circle.
 
@@ -65,6 +66,11 @@ class AxisLoop:
     def held_gain(self) -> float:
         """[s] b, rate times inertia per torque held over a sample."""
         return _held(self.rate_damping, self.dt)
+
+    @cached_property
+    def in_floats(self) -> Matrix:
+        """(2, m + 1) denominator and numerator, rounded to floats."""
+        return np.array([self.denominator, self.numerator], dtype=np.float64)
 
     def lag_terms(self, lag: ArrayLike) -> tuple[Matrix, Matrix]:
         """Return beta [-] and c [s] at the lags (...) [s]: beta falls with the lag, c grows.
@@ -112,7 +118,7 @@ class AxisLoop:
         """Return the sensitivity `f0 / (f0 - v f1)`, (k, m), of k members at m frequencies [rad/s], in floats."""
         s = 1j * np.tan(0.5 * self.dt * omega)
         v, (beta, c) = 1.0 / inertia[:, None], self.lag_terms(lag[:, None])
-        below, above = (np.polyval(np.array(p[::-1], np.float64), s) for p in (self.denominator, self.numerator))
+        below, above = (np.polyval(p[::-1], s) for p in self.in_floats)
         b = self.held_gain
         f0 = below * (beta + (2.0 - beta) * s)
         f1 = above * (b * beta + (b * (2.0 - beta) - 2.0 * c) * s)

@@ -48,8 +48,8 @@ class Scalings:
     def level(self, M: ComplexMatrix) -> float:
         """Return the least beta that these scalings prove for `M`; infinite if they prove none."""
         n = self.gain.shape[0]
-        on = np.flatnonzero(np.diag(self.gain).real)
-        off = np.setdiff1d(np.arange(n), on)
+        counts = np.diag(self.gain).real != 0.0
+        on, off = np.flatnonzero(counts), np.flatnonzero(~counts)
         form = self.form(M)
         # rounding of the form counts against the bound: with huge G, little is proved
         rounding = 1e-14 * n * (np.linalg.norm(self.G @ M) + np.linalg.norm(M.conj().T @ self.D_z @ M))
@@ -296,8 +296,11 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
             hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
         # a scaling without effect on a real response has neither curvature nor gradient
         diagonal = np.sqrt(np.maximum(hessian.diagonal(), 1e-30 * np.max(hessian)))
-        factor = scipy.linalg.cho_factor(hessian / np.outer(diagonal, diagonal) + 1e-12 * np.eye(y.size))
-        step = -scipy.linalg.cho_solve(factor, gradient / diagonal) / diagonal
+        normed = hessian / np.outer(diagonal, diagonal) + 1e-12 * np.eye(y.size)
+        _, solved, failed = scipy.linalg.lapack.dposv(normed, gradient / diagonal)
+        if failed:
+            raise np.linalg.LinAlgError("the Hessian matrix is not positive definite")
+        step = -solved / diagonal
         decrement = math.sqrt(max(-float(gradient @ step), 0.0))
         length = 1.0 / (1.0 + decrement) if decrement > 0.25 else 1.0
         inside = _move_inside(y, length, step, offsets, barriers)

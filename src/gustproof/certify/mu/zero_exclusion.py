@@ -10,11 +10,11 @@ bound on rounding at order 30, and more below, if the library's exponentials are
 """
 
 import math
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from gustproof.certify.mu.axis_loop import AxisLoop, Polynomial
+from gustproof.certify.mu.axis_loop import AxisLoop
 from gustproof.lti.state_space import ComplexMatrix, Matrix
 
 _ROUNDING = 1e-12
@@ -30,13 +30,15 @@ _LOWEST = 1e-7
 _GROWTH = 1.25
 """[-] ratio of the ends of a cell of s at the start."""
 
+End = TypeVar("End", float, Matrix)
 
-class ParameterBox(NamedTuple):
-    """Ranges of the constant parameters."""
 
-    inertia: tuple[float, float]
+class ParameterBox(NamedTuple, Generic[End]):
+    """Ranges of the constant parameters, of one box or of k."""
+
+    inertia: tuple[End, End]
     """[kg*m^2] least and largest moment of inertia."""
-    lag: tuple[float, float]
+    lag: tuple[End, End]
     """[s] least and largest actuator lag."""
 
 
@@ -60,10 +62,10 @@ class _Disc(NamedTuple):
     by_lag: Matrix
 
 
-def is_proven(loop: AxisLoop, box: ParameterBox, *, peak: float = math.inf) -> bool:
+def is_proven(loop: AxisLoop, box: ParameterBox[float], *, peak: float = math.inf, most: int = _MOST_CELLS) -> bool:
     """Return whether all members of the box are proved stable, with sensitivity below `peak` [-] at all frequencies.
 
-    False means not proved within `_MOST_CELLS` cells. One member is tested exactly; the others follow from it.
+    False means not proved within `most` cells. One member is tested exactly; the others follow from it.
     """
     if not loop.is_stable_at(box.inertia[0], box.lag[0]):
         return False
@@ -75,30 +77,34 @@ def is_proven(loop: AxisLoop, box: ParameterBox, *, peak: float = math.inf) -> b
         while pending:
             cells = pending.pop()
             seen += cells.s_low.size
-            if seen > _MOST_CELLS:
+            if seen > most:
                 return False
-            proven, by_frequency = _examine(loop, box, 1.0 / peak, cells, reverse)
+            proven, by_frequency = _examine(loop, box.inertia, 1.0 / peak, cells, reverse)
             pending += _halve(cells.take(~proven), by_frequency[~proven])
     return True
 
 
-def proven_bands(loop: AxisLoop, box: ParameterBox, omega: Matrix, peaks: Matrix) -> np.ndarray:
-    """Return for each band whether every member of the box is proved to keep its sensitivity below the band's peak.
+def proven_bands(
+    loop: AxisLoop, box: ParameterBox[Matrix], omega: Matrix, peaks: Matrix, tried: np.ndarray
+) -> np.ndarray:
+    """Return for each band whether every member of its box is proved to keep its sensitivity below the band's peak.
 
-    Bands lie between successive `omega` (k + 1,) [rad/s], below the Nyquist frequency; `peaks` (k,) [-]. With an
-    infinite peak no member has a pole on the band. False means not proved within `_ROUNDS` halvings.
+    Bands lie between successive `omega` (k + 1,) [rad/s], below the Nyquist frequency; `peaks` and ends (k,). With an
+    infinite peak no member has a pole on the band. False means not proved within `_ROUNDS` halvings. Bands not `tried`
+    (k,) are not proved.
     """
     s = np.tan(0.5 * loop.dt * omega)
     proven = np.zeros(len(peaks), dtype=bool)
     for reverse in (False, True):  # |s| <= 1, then 1 / s
-        band = np.flatnonzero((s[1:] > 1.0) == reverse)
+        band = np.flatnonzero(((s[1:] > 1.0) == reverse) & tried)
         low, high = (1.0 / s[band + 1], 1.0 / s[band]) if reverse else (s[band], s[band + 1])
-        cells = _Cells(low, high, np.full(band.size, box.lag[0]), np.full(band.size, box.lag[1]))
+        cells = _Cells(low, high, *(end[band] for end in box.lag))
         proven[band] = True
         for _ in range(_ROUNDS):
             if not 0 < band.size <= _BATCH:
                 break
-            done, by_frequency = _examine(loop, box, 1.0 / peaks[band], cells, reverse)
+            inertia = box.inertia[0][band], box.inertia[1][band]
+            done, by_frequency = _examine(loop, inertia, 1.0 / peaks[band], cells, reverse)
             band = np.tile(band[~done], 2)
             cells = next(iter(_halve(cells.take(~done), by_frequency[~done])), cells)
         proven[band] = False
@@ -116,11 +122,11 @@ def _halve(cells: _Cells, by_frequency: np.ndarray) -> list[_Cells]:
 
 
 def _examine(
-    loop: AxisLoop, box: ParameterBox, clearance: float | Matrix, cells: _Cells, reverse: bool
+    loop: AxisLoop, inertia: tuple[End, End], clearance: End, cells: _Cells, reverse: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which cells are proved, and where the frequencies widen the discs more than the lags do."""
     f0, f1 = _enclose(loop, cells, reverse)
-    v_low, v_high = (1.0 - _ROUNDING) / box.inertia[1], (1.0 + _ROUNDING) / box.inertia[0]
+    v_low, v_high = (1.0 - _ROUNDING) / inertia[1], (1.0 + _ROUNDING) / inertia[0]
     # the inertia is no interval: the distance from 0 to the segment of f0 - v f1 is exact
     square = np.maximum(np.abs(f1.centre) ** 2, np.finfo(float).tiny)
     v = np.clip((f0.centre * f1.centre.conj()).real / square, v_low, v_high)
@@ -141,8 +147,9 @@ def _enclose(loop: AxisLoop, cells: _Cells, reverse: bool) -> tuple[_Disc, _Disc
     # coefficients, how far they are off, and the size of their terms, which scales their rounding
     first = np.array([(beta, 2.0 - beta), (off_beta, off_beta), (beta, 2.0 * one)])
     second = b * np.array([(beta, 2.0 - beta - 2.0 * c / b), (off_beta, off_beta + 2.0 * off_c / b), (beta, 4.0 * one)])
-    f0 = _product(_disc(loop.denominator[::order], t, h), _disc_of_line(first[:, ::order], t, h))
-    f1 = _product(_disc(loop.numerator[::order], t, h), _disc_of_line(second[:, ::order], t, h))
+    denominator, numerator = _discs(loop.in_floats[:, ::order], t, h)
+    f0 = _product(denominator, _disc_of_line(first[:, ::order], t, h))
+    f1 = _product(numerator, _disc_of_line(second[:, ::order], t, h))
     return f0, f1
 
 
@@ -151,19 +158,21 @@ def _middle(x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
     return 0.5 * (x + y), 0.5 * np.abs(y - x)
 
 
-def _disc(polynomial: Polynomial, t: Matrix, h: Matrix) -> _Disc:
-    """Return discs around a polynomial at s = j (t +- h), by its Taylor coefficients at the centre."""
-    p, n, s = np.array(polynomial, dtype=np.float64), len(polynomial) - 1, 1j * t
-    taylor = np.repeat(p[:, None].astype(np.complex128), t.size, axis=1)
+def _discs(polynomials: Matrix, t: Matrix, h: Matrix) -> list[_Disc]:
+    """Return discs around each polynomial (m, n + 1) at s = j (t +- h), by its Taylor coefficients at the centre."""
+    p, n, s = polynomials.T[:, :, None], polynomials.shape[1] - 1, 1j * t
+    taylor = np.repeat(p.astype(np.complex128), t.size, axis=2)
     for first in range(n):
         for k in range(n - 1, first - 1, -1):
             taylor[k] += s * taylor[k + 1]
-    radius, size = np.zeros(t.size), np.zeros(t.size)
-    for k in range(n, 0, -1):
-        radius = h * (radius + np.abs(taylor[k]))
+    radius, size, far = np.zeros(1), np.zeros(1), t + h
+    moduli = np.abs(taylor[1:])
+    for modulus in moduli[::-1]:
+        radius = h * (radius + modulus)
     for coefficient in np.abs(p[::-1]):
-        size = coefficient + (t + h) * size
-    return _Disc(taylor[0], radius + _ROUNDING * size, np.zeros(t.size))
+        size = coefficient + far * size
+    radius = radius + _ROUNDING * size
+    return [_Disc(taylor[0, i], radius[i], np.zeros(t.size)) for i in range(len(polynomials))]
 
 
 def _disc_of_line(line: Matrix, t: Matrix, h: Matrix) -> _Disc:

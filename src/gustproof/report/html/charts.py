@@ -8,6 +8,7 @@ from operator import attrgetter
 import numpy as np
 from scipy.signal import welch
 
+from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import MOST_ROTORS
 from gustproof.report.html.marks import Mark, limit_marks
 from gustproof.report.html.runs import ReportRun
@@ -107,11 +108,24 @@ _HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
     ("Position", ("north [m]", "east [m]", "down [m]"), _field("position_N")),
     ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("velocity_N")),
     ("Link", ("age of the acting command [samples]",), _field("command_age")),
-    ("Autopilot", ("mode [number]",), lambda run: run.records["mode"][:, None]),
 )
 """Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
 
 _SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
+
+
+def _number_modes(runs: Sequence[ReportRun]) -> tuple[str, tuple[str, ...], Values]:
+    """Return a history of the modes by their places in its axis' title, as their own numbers tell nothing."""
+    modes = np.concatenate([run.records["mode"] for run in runs])
+    flown = np.unique(modes[~np.isnan(modes)])
+    names = {mode.value: mode.name for mode in Mode}
+    title = ", ".join(f"{i} {names.get(int(mode), f'number {mode:.0f}')}" for i, mode in enumerate(flown))
+
+    def places(run: ReportRun) -> Array:
+        mode = run.records["mode"][:, np.newaxis]
+        return np.where(np.isnan(mode), np.nan, np.searchsorted(flown, mode))
+
+    return "Autopilot", (f"mode: {title}",), places
 
 
 def _is_known(values: Array, k: int) -> bool:
@@ -122,7 +136,7 @@ def _is_known(values: Array, k: int) -> bool:
 def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     """Return the time histories that are not constant in every run."""
     groups = []
-    for title, axes, values in _HISTORIES:
+    for title, axes, values in (*_HISTORIES, _number_modes(runs)):
         columns = [values(run) for run in runs]
         if not any(np.any(np.ptp(np.nan_to_num(column), axis=0) > 0.0) for column in columns):
             continue

@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.analysis.hover_loop import hover_loop
+from gustproof.analysis.hover_loop import loop_response
 from gustproof.analysis.judge import AXES, NOMINAL_PEAK, SPREAD_PEAK, Judgement, Verdict
 from gustproof.law.form import Law
 from gustproof.lti.state_space import ComplexMatrix
@@ -119,12 +119,13 @@ def _loop_charts(found: Judgement) -> Iterator[ChartGroup]:
     corners = [
         replace(vehicle, inertia_B=each, actuator_lag=lag) for each, lag in product((box.low, box.high), box.lag)
     ]
-    responses = [hover_loop(found.law, each, found.scenario) for each in (vehicle, *corners)]
-    shown = np.max(np.abs(responses[0].loop), axis=1) <= _MOST_GAIN
-    names, omega = ("nominal", *_CORNERS), responses[0].omega[shown]
+    responses = [loop_response(found.law, each, found.scenario) for each in (vehicle, *corners)]
+    omega, nominal = responses[0]
+    shown = np.max(np.abs(nominal), axis=1) <= _MOST_GAIN
+    names, omega = ("nominal", *_CORNERS), omega[shown]
     bode, phase, peaks = [], [], []
     for axis, name in enumerate(AXES):
-        L = [each.loop[shown, axis] for each in responses]
+        L = [loop[shown, axis] for _, loop in responses]
         gains = _curves(names, omega, (decibels(np.abs(each)) for each in L))
         bode.append(frequency_chart(f"{name}: |L| [dB]", gains, ChartKind.DECIBEL, (Mark(label="0 dB", y=0.0),)))
         phases, turn = _curves(names, omega, map(_phase, L)), Mark(label="−180°", y=-180.0)

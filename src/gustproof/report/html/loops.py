@@ -13,7 +13,7 @@ from gustproof.analysis.law_margins import SPREADS, axis_robustness_over_frequen
 from gustproof.analysis.robustness import RobustnessOverFrequency
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
-from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, lft
+from gustproof.lti.state_space import ComplexMatrix, Matrix, lft
 from gustproof.report.html.charts import (
     Chart,
     ChartGroup,
@@ -179,30 +179,21 @@ def _pole_curve(label: str, colour: int | None, poles: ComplexMatrix, style: Cur
 
 def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
     """Return the unweighted transfers of a design by axis, with the bounds set by its weights and level."""
-    design, problem = report.design, report.problem
-    response = lft(problem.plant(), report.result.controller).response(_OMEGA)
     level = report.result.gamma
-    command = "rad/s" if design.rate_loop_lag is not None else "N m"
-    inputs = [("w_d", "moment", "N m", design.W_d), ("w_n", "gyro noise", "rad/s", design.W_n)]
-    if design.W_r is not None:
-        inputs.append(("w_r", "reference", "rad", design.W_r))
-    outputs = (("z_e", "attitude error", "rad", design.W_e), ("z_u", "command", command, design.W_u))
     charts = []
-    for w, cause, cause_unit, W_in in inputs:
-        for z, effect, effect_unit, W_out in outputs:
-            rows, columns = _component_slice(problem.z, z), _component_slice(problem.w, w)
-            scale = _weight_gains(W_out.system()) * _weight_gains(W_in.system())
-            gains = np.abs(np.diagonal(response[:, rows, columns], 0, 1, 2)) / scale
-            title = f"{cause} to {effect} [{bracket_unit(effect_unit)}/{bracket_unit(cause_unit)}]"
-            charts.append(_bounded_chart(title, gains, level / scale))
+    for transfer in report.weighted_transfers(_OMEGA):
+        effect_unit, cause_unit = map(bracket_unit, transfer.units)
+        title = f"{transfer.cause} to {transfer.effect} [{effect_unit}/{cause_unit}]"
+        charts.append(_bounded_chart(title, transfer.gains, transfer.bounds))
+    response = lft(report.problem.plant(), report.result.controller).response(_OMEGA)
     weighted = np.linalg.norm(response, ord=2, axis=(1, 2))
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
     largest = Curve(label="w to z", colour=0, x=_OMEGA, y=weighted)
     charts.append(frequency_chart("weighted: largest singular value [-]", (bound, largest)))
     note = (
-        f"Design {design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a singular "
-        "value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
+        f"Design {report.design.name}, in its own continuous model with its leak. Solid: the gain of each axis, a "
+        "singular value at hover, where the axes do not couple. Dashed: the bound set by the weights and the level γ."
     )
     return ChartGroup(title=f"Singular values against the weights: {label}", charts=tuple(charts), note=note)
 
@@ -217,17 +208,6 @@ def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
         *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
     ]
     return frequency_chart(title, tuple(curves))
-
-
-def _component_slice(names: tuple[str, ...], name: str) -> slice:
-    """Return the slice of a signal of three components in a vector of such signals."""
-    start = 3 * names.index(name)
-    return slice(start, start + 3)
-
-
-def _weight_gains(weight: Lti) -> Matrix:
-    """Return the gains (k, 3) of a diagonal weight."""
-    return np.abs(np.diagonal(weight.response(_OMEGA), 0, 1, 2))
 
 
 def _rederive(law: Law) -> DesignReport | None:

@@ -191,7 +191,7 @@ def loop_peak(loop: ClosedLoop, warm: list[float]) -> Peak:
     poles = np.linalg.eigvals(loop.A)
     if not np.max(poles.real) < -_ROUNDING * np.max(np.abs(poles)):
         return Peak(gain=np.inf, omega=0.0)
-    best = Peak(gain=float(np.linalg.norm(loop.D, 2)), omega=np.inf)
+    best = Peak(gain=_feedthrough(loop), omega=np.inf)
     upper = poles[poles.imag >= 0.0]
     resonance = np.sqrt(np.maximum(upper.imag**2 - upper.real**2, 0.0))
     best = _raise_bound(loop, best, np.concatenate([[0.0], warm, np.abs(upper), resonance[resonance > 0.0]]))
@@ -263,7 +263,12 @@ def crossings(loop: ClosedLoop, level: float) -> Matrix:
     values = np.linalg.eigvals(H)
     size = np.abs(values)
     found = values[np.abs(values.real) <= _ON_AXIS * size + 1e-13 * np.max(size)]
-    return np.unique(np.abs(found.imag))
+    return np.unique(np.abs(found.imag)) if found.size else found.real
+
+
+def _feedthrough(loop: ClosedLoop) -> float:
+    """Return the gain at infinite frequency."""
+    return float(np.linalg.norm(loop.D, 2)) if loop.D.any() else 0.0
 
 
 def _raise_bound(loop: ClosedLoop, best: Peak, omega: Matrix) -> Peak:
@@ -278,7 +283,7 @@ def _is_distinct(omega: float, other: float) -> bool:
 
 def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
     """Return the frequency of the largest gain, to some digits, in each band where the gain exceeds `level`."""
-    if np.linalg.norm(loop.D, 2) >= level:
+    if _feedthrough(loop) >= level:
         return []
     ends, found = np.concatenate([[0.0], crossings(loop, level)]), []
     for low, high in pairwise(ends):

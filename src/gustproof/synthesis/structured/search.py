@@ -206,7 +206,7 @@ def _simplex_minimum(Q: Matrix, gap: Matrix) -> Matrix:
     x[0] = 1.0
     for _ in range(_WEIGHT_STEPS):
         slope = Q @ x + gap
-        towards, away = int(np.argmin(slope)), int(np.argmax(np.where(x > 0.0, slope, -np.inf)))
+        towards, away = int(slope.argmin()), int(np.where(x > 0.0, slope, -np.inf).argmax())
         if slope[away] - slope[towards] <= 1e-9 * (abs(slope[away]) + abs(slope[towards])):
             break
         # weight moves from the worst vertex in use to the best one

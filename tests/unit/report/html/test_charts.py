@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.report.html.charts import CurveStyle, decimate, spectra, time_histories
 from gustproof.report.html.runs import read_runs
@@ -42,6 +43,14 @@ def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
     (group,) = time_histories(read_runs([recorded("run", n=N, command_age=age)]))
     assert group.title == "Link"
     assert np.array_equal(group.charts[0].curves[0].y, age[:, 0], equal_nan=True)
+
+
+def test_modes_are_named_and_drawn_by_their_places(recorded):
+    mode = np.repeat([Mode.OFFBOARD.value, Mode.HOLD.value, 17.0], (100, 200, N - 300))
+    (group,) = time_histories(read_runs([recorded("run", n=N, mode=mode)]))
+    (chart,) = group.charts
+    assert (group.title, chart.title) == ("Autopilot", "mode: 0 number 17, 1 OFFBOARD, 2 HOLD")
+    assert np.array_equal(chart.curves[0].y, np.repeat([1.0, 2.0, 0.0], (100, 200, N - 300)))
 
 
 def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flown(recorded):
