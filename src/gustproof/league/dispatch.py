@@ -25,8 +25,8 @@ class Dispatcher:
         """Do the tasks that are not in the ledger; one whose worker dies even when it runs alone fails."""
         self._tasks = {key: task for task in tasks if (key := task.key) not in self._ledger}
         self._waiting.extend(self._tasks)
-        for task in list(self._tasks.values())[:1]:  # or the last task before would be named until the first ends
-            self._progress(0.0, task.label)
+        if self._tasks:  # or the last task before would be named until the first of these ends
+            self._progress(0.0, next(iter(self._tasks.values())).label)
         finished = 0
         while self._waiting or self._suspects or self._running:
             self._submit_pending()
