@@ -299,7 +299,9 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", 
         _print_warnings(plan)
     title = f"{plan.scenario.name}, {_pilot_name(plan)}"
     with progress(f"{title}{COMPILING * is_cold()}", quiet=quiet) as shown:
-        options: dict[str, Any] = {"tlog": tlog, "progress": lambda x: shown(x, title)}
+        writing = f"{title}: writing the bag"
+        told = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
+        options: dict[str, Any] = {"tlog": tlog, **told}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
         return fly_guest_and_record(plan, folder, **options, on_listening=page.follow if page else None)
