@@ -17,7 +17,7 @@ from firmware_model.config.waveforms import Dryden
 from firmware_model.physics.dryden import dryden_filters, dryden_spectrum
 from gustproof.certify.air_box import certify_chance
 from gustproof.certify.boundedness import FlightCertificate
-from gustproof.certify.check import gaussian_box
+from gustproof.certify.check import gaussian_box, gaussian_loop
 from gustproof.certify.check.dryden_air import _exponential, read_air
 from gustproof.certify.check.evidence import check_certificate, seal
 from gustproof.certify.check.flight_box import LEAST_RISK
@@ -131,9 +131,13 @@ def test_numbers_at_the_ends_of_their_ranges_are_taken() -> None:
 
 
 ROWS = [23.891862810, 38.020838256, -79.038332627]
+COARSE = [
+    *(-127.4281584089, -116.0040783735, -198.5778795549),
+    *(-41.84657514252, -42.12381246292, -44.29790360578, -3.081370815303),
+]
 MOMENTS = [1.9456127509, 1.9454583970, 0.30911126808]
 TRUTH = [0.627428, 0.727913, 0.19658]
-"""Of a breath at the least risk: logarithms of the linear signals weighted by their places, the moment, the truth."""
+"""Of a breath, signals as logarithms weighted by place: at the least risk, with coarse roundings; moment, truth."""
 
 
 @pytest.mark.plain
@@ -148,6 +152,17 @@ def test_every_term_of_the_bounds_stands(monkeypatch: pytest.MonkeyPatch) -> Non
     logarithms = [sum(k * math.log(value) for k, value in enumerate(row, 1)) for row in rows]
     assert logarithms == pytest.approx(ROWS, rel=1e-8)
     assert [float(value) for value in flight.case.moment] == pytest.approx(MOMENTS, rel=1e-8)
+
+
+@pytest.mark.plain
+def test_every_rounding_of_the_deviations_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures pinned, with roundings so coarse that each is felt."""
+    monkeypatch.setattr(gaussian_loop, "_EPS", 2.0**-16)
+    monkeypatch.setattr(gaussian_loop, "UP", 1.0 + 2.0**-12)
+    found = loop_deviations.__wrapped__(SYSTEM, read_air(AIR, VEHICLE, SYSTEM))
+    rows = [*found.signals, *(row[-3:] for row in found.angle), found.acceleration]
+    logarithms = [sum(k * math.log(value) for k, value in enumerate(row, 1)) for row in rows]
+    assert logarithms == pytest.approx(COARSE, rel=1e-11)
 
 
 @pytest.mark.plain
