@@ -166,6 +166,17 @@ def test_every_rounding_of_the_deviations_counts(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.plain
+def test_a_loop_that_diverges_and_a_risk_too_small_are_refused() -> None:
+    air, rows = read_air(AIR, VEHICLE, SYSTEM), [list(row) for row in SYSTEM.A]
+    assert [loop_deviations(SYSTEM, air._replace(steps=steps)).samples for steps in (238, 239)] == [1, 2]
+    rows[0][0] = Fraction(10**6)
+    with pytest.raises(Refusal, match="diverges within the flight"):
+        loop_deviations(SYSTEM._replace(A=tuple(map(tuple, rows))), air)
+    with pytest.raises(Refusal, match="no bound of the air is known"):
+        least_angle([Fraction(1)], 1, Fraction(1, 10**40))
+
+
+@pytest.mark.plain
 def test_risk_of_the_truth_is_shared_out_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     flight = bound_flight(SYSTEM, read_air(AIR, VEHICLE, SYSTEM), Fraction(1, 1000), 8192)
     box = [[Fraction(7 + 5 * i + k, 4096) for k in range(len(row))] for i, row in enumerate(flight.gaussian)]
