@@ -9,6 +9,7 @@ import json
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from gustproof.recording.derived import (
     parse_scenario,
     requirement_fields,
 )
+from gustproof.recording.interleaved import write_interleaved
 from gustproof.recording.mcap import messages
 from gustproof.recording.topics import (
     ANGLE_TOPICS,
@@ -186,26 +188,20 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)
     mode = _add_topic(writer, MODE_TOPIC, definitions.MODE, latched=True)
     writer.write(about, start_ns, _serialize(definitions.FLIGHT, text))
-    streams = []
-    for topic in topics:
-        connection = _add_topic(writer, topic.name, topic.message)
-        streams.append((connection, encode(topic, records).tobytes(), topic.layout.itemsize))
-    modes = records["mode"].astype(np.int64)
-    changed = {0, *(np.flatnonzero(np.diff(modes)) + 1).tolist()}
-    for i, time_us in enumerate(records["time_us"].astype(np.int64).tolist()):
-        if i in changed:
-            writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[i])))
-        for connection, payload, size in streams:
-            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+    streams = [(_add_topic(writer, topic.name, topic.message), encode(topic, records)) for topic in topics]
+    modes, times_us = records["mode"].astype(np.int64), records["time_us"].astype(np.int64)
+    changed = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(records)]
+    for begin, end in pairwise(changed):
+        time_us = int(times_us[begin])
+        writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[begin])))
+        write_interleaved(writer, times_us[begin:end] * 1000, [(to, rows[begin:end]) for to, rows in streams])
 
 
 def _write_rows(writer: Writer, topics: Iterable[Topic], rows: Records) -> None:
     """Write stamped `rows` (n,), one message a row on each topic."""
     for topic in topics:
-        connection = _add_topic(writer, topic.name, topic.message)
-        payload, size = encode(topic, rows).tobytes(), topic.layout.itemsize
-        for i, time_us in enumerate(rows["time_us"].astype(np.int64).tolist()):
-            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+        stream = _add_topic(writer, topic.name, topic.message), encode(topic, rows)
+        write_interleaved(writer, rows["time_us"].astype(np.int64) * 1000, [stream])
 
 
 def _write_derived(
