@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from firmware_model.config.files import TEXT, parse_json
 from firmware_model.config.scenario import Scenario
@@ -34,7 +34,7 @@ from gustproof.recording.derived import (
     parse_scenario,
     requirement_fields,
 )
-from gustproof.recording.interleaved import write_interleaved
+from gustproof.recording.interleaved import BagWriter
 from gustproof.recording.mcap import messages
 from gustproof.recording.topics import (
     ANGLE_TOPICS,
@@ -99,7 +99,7 @@ def write_bag(
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=UNFINISHED_PREFIX) as unfinished:
         staged = Path(unfinished) / path.name  # rosbag2 names the file inside after the folder
-        writer = Writer(staged, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+        writer = BagWriter(staged, version=BagWriter.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             _write(writer, records, flight)
@@ -178,7 +178,7 @@ def _files(path: Path) -> list[Path]:
     return [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap"))
 
 
-def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
+def _write(writer: BagWriter, records: Records, flight: Mapping[str, Any]) -> None:
     has_rates = not np.all(np.isnan(records["omega_command_B"]))
     topics = [
         topic for topic in list_topics(records.dtype["rotors"].shape[0]) if topic.name != "/command/rates" or has_rates
@@ -194,18 +194,18 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     for begin, end in pairwise(changed):
         time_us = int(times_us[begin])
         writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[begin])))
-        write_interleaved(writer, times_us[begin:end] * 1000, [(to, rows[begin:end]) for to, rows in streams])
+        writer.write_interleaved(times_us[begin:end] * 1000, [(to, rows[begin:end]) for to, rows in streams])
 
 
-def _write_rows(writer: Writer, topics: Iterable[Topic], rows: Records) -> None:
+def _write_rows(writer: BagWriter, topics: Iterable[Topic], rows: Records) -> None:
     """Write stamped `rows` (n,), one message a row on each topic."""
     for topic in topics:
         stream = _add_topic(writer, topic.name, topic.message), encode(topic, rows)
-        write_interleaved(writer, rows["time_us"].astype(np.int64) * 1000, [stream])
+        writer.write_interleaved(rows["time_us"].astype(np.int64) * 1000, [stream])
 
 
 def _write_derived(
-    writer: Writer, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
+    writer: BagWriter, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
 ) -> None:
     """Write the topics for viewers; those of events and requirements need the scenario."""
     _write_rows(writer, ANGLE_TOPICS, angle_records(records, scenario))
@@ -238,7 +238,7 @@ def read_estimate_topics(path: Path) -> Records:
     return estimates
 
 
-def _add_topic(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:
+def _add_topic(writer: BagWriter, topic: str, message: str, *, latched: bool = False) -> Any:
     text, digest = definition(message)
     qos = [_LATCHED] if latched else []
     return writer.add_connection(topic, message, msgdef=text, rihs01=digest, offered_qos_profiles=qos)

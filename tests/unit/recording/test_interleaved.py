@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from gustproof.recording.interleaved import write_interleaved
+from gustproof.recording.interleaved import BagWriter
 from gustproof.recording.mcap import messages
 
 pytestmark = pytest.mark.plain
@@ -12,9 +12,9 @@ SIZES, N = (4, 3000, 1500), 1000
 ROWS = [np.random.default_rng(size).bytes(size * N) for size in SIZES]
 
 
-def write(folder, write_all):
+def write(folder, kind, write_all):
     """Return the files of a bag of three topics between two single messages."""
-    writer = Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer = kind(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         about, *topics = (
@@ -30,7 +30,7 @@ def write(folder, write_all):
 def test_many_at_once_are_the_bytes_of_one_by_one(stamps, tmp_path):
     def many(writer, topics):
         rows = [np.frombuffer(payload, dtype=f"V{size}") for payload, size in zip(ROWS, SIZES, strict=True)]
-        write_interleaved(writer, stamps, list(zip(topics, rows, strict=True)))
+        writer.write_interleaved(stamps, list(zip(topics, rows, strict=True)))
 
     def one_by_one(writer, topics):
         for i, stamp in enumerate(stamps.tolist()):
@@ -39,16 +39,16 @@ def test_many_at_once_are_the_bytes_of_one_by_one(stamps, tmp_path):
 
     (tmp_path / "many").mkdir()
     (tmp_path / "one").mkdir()
-    files = write(tmp_path / "many", many)
-    assert files == write(tmp_path / "one", one_by_one)
+    files = write(tmp_path / "many", BagWriter, many)
+    assert files == write(tmp_path / "one", Writer, one_by_one)
     assert [name for name, _ in files] == ["bag.mcap", "metadata.yaml"]
     assert len(files[0][1]) > 4 << 20  # more than four chunks
 
 
 def test_nothing_is_written_of_no_rows_or_topics(tmp_path):
     def nothing(writer, topics):
-        write_interleaved(writer, np.arange(0), [(topics[0], np.zeros(0, dtype="V4"))])
-        write_interleaved(writer, np.arange(3), [])
+        writer.write_interleaved(np.arange(0), [(topics[0], np.zeros(0, dtype="V4"))])
+        writer.write_interleaved(np.arange(3), [])
 
-    write(tmp_path, nothing)
+    write(tmp_path, BagWriter, nothing)
     assert list(messages(tmp_path / "bag" / "bag.mcap")) == [("/about", 7, b"before"), ("/about", 9, b"after")]
