@@ -53,7 +53,7 @@ class _Storage(McapWriter):  # type: ignore[misc]
         records = _records(stamps_ns, streams)
         sizes = [records.dtype[i].itemsize for i in range(width)]
         starts = np.append(0, np.arange(len(records))[:, None] * records.dtype.itemsize + np.cumsum(sizes))
-        content = memoryview(records.view(np.uint8))
+        content = records.view(np.uint8).data
         while done < len(starts) - 1:
             chunk, begin = self.chunk, int(starts[done])
             shift = chunk.bio.tell() - begin
