@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from firmware_model.config.firmware import ardupilot_parameters, px4_parameters
 from firmware_model.config.scenario import Scenario
