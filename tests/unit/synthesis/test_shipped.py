@@ -181,7 +181,7 @@ def kick(law: Law, cases: list[Case]) -> Iterator[list[float]]:
 
 @cache
 def kicks(name: str) -> Matrix:
-    """Return the errors [deg] that the kicks leave (kicks, cases): nominal and not fly in one batch, at no more cost."""
+    """Return the errors [deg] that the kicks leave (kicks, cases): nominal and not, all in one batch at no cost."""
     return np.array(list(kick(load_law(name), off_nominal())))
 
 
