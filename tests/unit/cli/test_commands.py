@@ -175,6 +175,7 @@ def test_what_nobody_expected_is_not_hidden(monkeypatch):
     assert isinstance(run("design", "D1").exception, ZeroDivisionError)
 
 
+@pytest.mark.slow
 def test_a_design_prints_its_levels_and_leaves_law_and_figure(tmp_path):
     law = tmp_path / "law.json"
     result = run("design", "D1", "--json", "-o", str(law))

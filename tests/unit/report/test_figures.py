@@ -148,7 +148,10 @@ def test_pgf_is_refused_before_anything_is_flown_where_no_tex_measures_text(tmp_
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("suffix", "begin"), [(".pdf", b"%PDF"), (".svg", b"<?xml"), (".png", b"\x89PNG")])
+@pytest.mark.parametrize(
+    ("suffix", "begin"),
+    [pytest.param(".pdf", b"%PDF", marks=pytest.mark.slow), (".svg", b"<?xml"), (".png", b"\x89PNG")],
+)
 def test_the_suffix_chooses_the_format_and_equal_flights_give_equal_bytes(suffix, begin, tmp_path):
     for name in ("a", "b"):
         figures.save_moments(flight(), tmp_path / f"{name}{suffix}")

@@ -35,7 +35,9 @@ def lag(gain_range: tuple[float, float] = (0.5, 1.5)) -> Uncertain:
     return nominal @ append(np.eye(2), ureal("k", low=low, high=high))
 
 
-@pytest.mark.parametrize("measure", ["mu", "wcgain", "l2gain"])
+@pytest.mark.parametrize(
+    "measure", [pytest.param("mu", marks=pytest.mark.slow), pytest.param("wcgain", marks=pytest.mark.slow), "l2gain"]
+)
 def test_bounds_bracket_and_the_history_falls(measure):
     found = musyn(lag(), 1, 1, order=1, measure=measure, tolerance=0.5)
     uppers = [step.upper for step in found.history]
@@ -81,6 +83,7 @@ def test_the_start_is_kept_if_nothing_is_better_and_is_never_worse_than_given():
     assert again.upper <= found.upper * (1.0 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_start_is_found_where_h_infinity_controllers_have_no_finite_bound():
     D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
     unstable = Lti(A=[[1.0]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=D)

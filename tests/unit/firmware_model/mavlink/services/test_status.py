@@ -48,6 +48,7 @@ def test_no_battery_is_made_up(craft):
     assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("cells", [4, 12])
 def test_a_battery_is_told(craft, cells):
     battery = Battery(cells=cells, capacity_ah=0.01, resistance_ohm=0.1, hover_current_a=18.0)
