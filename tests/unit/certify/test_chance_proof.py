@@ -166,7 +166,7 @@ def test_every_rounding_of_the_deviations_counts(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.plain
-def test_a_loop_that_diverges_and_a_risk_too_small_are_refused() -> None:
+def test_a_loop_that_diverges_or_is_too_large_and_a_risk_too_small_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     air, rows = read_air(AIR, VEHICLE, SYSTEM), [list(row) for row in SYSTEM.A]
     assert [loop_deviations(SYSTEM, air._replace(steps=steps)).samples for steps in (238, 239)] == [1, 2]
     rows[0][0] = Fraction(10**6)
@@ -174,6 +174,9 @@ def test_a_loop_that_diverges_and_a_risk_too_small_are_refused() -> None:
         loop_deviations(SYSTEM._replace(A=tuple(map(tuple, rows))), air)
     with pytest.raises(Refusal, match="no bound of the air is known"):
         least_angle([Fraction(1)], 1, Fraction(1, 10**40))
+    monkeypatch.setattr(gaussian_loop, "_MOST_ORDER", 3)
+    with pytest.raises(Refusal, match=r"law '.*' has too many states for a bound of the rounding"):
+        loop_deviations.__wrapped__(SYSTEM, air)
 
 
 @pytest.mark.plain

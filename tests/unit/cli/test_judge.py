@@ -13,7 +13,9 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.guest.parameter_files import read_parameters
 from gustproof.analysis import judge as judging
 from gustproof.autopilots.models import read_autopilot_law
+from gustproof.cli import judge as command
 from gustproof.cli.app import app
+from gustproof.errors import ConfigError
 from gustproof.logs import read
 from gustproof.logs.flight_log import FlightLog, Signal
 
@@ -109,7 +111,10 @@ def _tuned(folder: Path) -> Path:
         (("nothing",), "no law named 'nothing'"),
         (("nothing.params",), "nothing.params"),
         (("pid-fair", "--air", "coning"), "has no turbulence"),
-        (("hinf-rates",), "commands rates"),
+        (
+            ("hinf-rates",),
+            "law 'hinf-rates' cannot be judged on vehicle 'paper': law 'hinf-rates' commands rates: its loop",
+        ),
         (("flagship", "--moment", "1,2,0"), "must be positive"),
         (("flagship", "-o", "page.txt"), "ends in .html"),
         (("flagship", "--better", "better.params"), "ends in .json"),
@@ -122,3 +127,11 @@ def test_a_mistake_is_one_line(arguments, words):
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.plain
+def test_gains_that_are_not_better_are_not_written(tmp_path):
+    path = tmp_path / "better.params"
+    with pytest.raises(ConfigError, match=r"no better gains were found: .*better\.params is not written"):
+        command._save(None, load_vehicle("paper"), path)
+    assert not path.exists()
