@@ -68,7 +68,7 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     (tmp_path / file.splitlines()[0].removeprefix("# ")).write_text(file, encoding="utf-8")
     told = {line.split()[1]: output for line, output in walk(commands("vehicle")).items()}
     assert list(told) == ["tune", "certify", "fly", "export"]
-    (least,) = re.findall(r"least: ([\d.]+) at this Ms and slew", told["tune"])
+    (least,) = re.findall(r"alone: ([\d.]+) at this Ms and slew", told["tune"])
     figures = load_law("quad-law.json").provenance.parameters
     assert figures["foretold_slew_nm_per_s"] <= 6.9
     assert figures["foretold_rmse_deg"] <= 1.15 * float(least) <= 0.095
