@@ -118,6 +118,12 @@ def save_flight(scenario: "Scenario", vehicle: "Vehicle", nominal: "Vehicle", ou
     return [output, beside]
 
 
+def is_given(context: typer.Context, name: str) -> bool:
+    """Return whether a parameter is on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
 def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:
     """Refuse parameters on the command line whose values are given elsewhere, or mean nothing there.
 
@@ -128,8 +134,7 @@ def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None
     """
     written = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
     for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
+        if is_given(context, name):
             raise ConfigError(f"{why}; {written[name]} cannot be given with it")
 
 
