@@ -27,6 +27,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import gustproof
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import VEHICLES, load_vehicle
 from firmware_model.process import realtime, udp
@@ -187,6 +188,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(site, "load_pages", cache(site.load_pages))
     patch.setattr(live, "_ABSENCE_S", 0.0)
     patch.setattr(live.LivePage, "wait", lambda _: 0)
+    assert gustproof.process_pool is executors.process_pool  # found once and kept, so before it is replaced
     patch.setattr(executors, "process_pool", pool_here)
     patch.setattr(paper, "load_scenario", lambda name: replace(load_scenario(name), duration_s=1.0))
     patch.setattr(placement, "PEAKS", (1.36,))
