@@ -18,7 +18,7 @@ _Table = TypeVar("_Table")
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def strict_dataclass(kind: type[_Table]) -> type[_Table]:
     """Make a frozen, keyword-only dataclass that validates its fields and rejects unknown keys."""
-    strict = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+    strict = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid", defer_build=True))
     return cast("type[_Table]", strict(kind))
 
 

@@ -122,9 +122,9 @@ def _check_bounds(value: Any) -> Any:
         item = waiting.pop()
         if isinstance(item, dict):
             keys += len(item)
-            waiting.extend(item.values())
+            waiting.extend(filter(None, item.values()))  # what is empty or 0 is within every bound
         elif isinstance(item, list):
-            waiting.extend(item)
+            waiting.extend(filter(None, item))
         elif isinstance(item, int) and item.bit_length() > 1024:
             raise ValueError("an integer is beyond 1.8e308")
         if keys > _KEYS:

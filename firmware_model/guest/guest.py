@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.errors import ConfigError
-from firmware_model.guest.readings import Readings
 
 if TYPE_CHECKING:
     from firmware_model.guest.pilot import Pilot
+    from firmware_model.guest.readings import Readings
 
 SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400, "betaflight": 250}
 """[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
@@ -146,7 +146,7 @@ class Guest(Protocol):
     def start(self, pilot_port: int) -> None:
         """Start its process; its pilot listens on the UDP port `pilot_port`."""
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: "Readings") -> None:
         """Send the readings of a sample."""
 
     def receive(self) -> tuple[float, ...] | None:

@@ -4,13 +4,16 @@ The file has the form of the journal: a line of JSON, then records of little-end
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, open_regular
-from firmware_model.guest.pilot import Estimate
 from firmware_model.recording.journal import JournalWriter
+
+if TYPE_CHECKING:
+    from firmware_model.guest.pilot import Estimate
 
 ESTIMATE = np.dtype(
     [
@@ -31,7 +34,7 @@ class EstimateWriter(JournalWriter):
     def __init__(self, path: Path) -> None:
         super().__init__(path, _HEADER, _BUFFER, ESTIMATE)
 
-    def append_estimate(self, estimate: Estimate) -> None:
+    def append_estimate(self, estimate: "Estimate") -> None:
         """Append one estimate."""
         self.append((estimate.time_us, *estimate.q_NB, *estimate.setpoint_q_NB))
 

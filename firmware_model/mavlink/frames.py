@@ -9,12 +9,13 @@ MAVLink, packet serialization: version 2 frames, version 1 frames, payload trunc
 """
 
 import struct
-from enum import Enum
 from hashlib import sha256
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import all as wire
+
+from firmware_model.mavlink.reasons import RejectReason as RejectReason
 
 Message = Any
 """A message of pymavlink's dialect module, which has no type stubs."""
@@ -30,51 +31,6 @@ _MESSAGE_FORMATS = {
     message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()
 }
 _decoder = wire.MAVLink(None)
-
-
-class RejectReason(Enum):
-    """Reason why a datagram, or a message in it, had no effect; the values are the counters' names."""
-
-    NOT_MAVLINK = "not_mavlink"
-    """No frame begins where one should."""
-    TRUNCATED = "truncated"
-    """The datagram ends before the frame does."""
-    INCOMPATIBLE = "incompatible"
-    """The frame uses an unknown protocol feature."""
-    BAD_CHECKSUM = "bad_checksum"
-    """The frame was damaged, or its sender defines the message differently."""
-    UNKNOWN_MESSAGE = "unknown_message"
-    """The message's number is not in the dialect."""
-    UNUSED_MESSAGE = "unused_message"
-    """No service reads this message."""
-    OTHER_TARGET = "other_target"
-    """Addressed to another system or component, or sent by an unexpected one."""
-    NOT_FINITE = "not_finite"
-    """A used number is NaN or infinite, or a quaternion is not of unit length."""
-    REFUSED = "refused"
-    """Requests something that this vehicle does not have; the sender got an answer."""
-    NO_SETPOINT = "no_setpoint"
-    """A set-point without thrust, or with nothing to track."""
-    STALE = "stale"
-    """Carries an older stamp than one already used."""
-    DUPLICATE = "duplicate"
-    """Carries the stamp that was answered last."""
-    EARLY = "early"
-    """Answers a sample that has not been sent yet."""
-    NOT_IN_COMMAND = "not_in_command"
-    """A set-point from one peer while another peer's stream is alive."""
-    TOO_MANY_PEERS = "too_many_peers"
-    """The table of peers, or of signed streams, is full."""
-    RATE_LIMITED = "rate_limited"
-    """Its sender exceeded its share of one read, while others wait."""
-    NOT_SIGNED = "not_signed"
-    """Not signed, where a key is required."""
-    WRONG_SIGNATURE = "wrong_signature"
-    """Signed with another key, or altered on the way."""
-    REPLAYED = "replayed"
-    """Its signature's time stamp is not newer than its sender's last one."""
-    OUT_OF_DATE = "out_of_date"
-    """A sender's first signature, with a time stamp that is too old."""
 
 
 DAMAGE_REASONS = (

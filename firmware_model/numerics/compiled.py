@@ -7,7 +7,6 @@ function is an entry point that Python calls; its machine code is kept on disk.
 import re
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -19,24 +18,6 @@ from numba.extending import intrinsic, overload, register_jitable
 
 _CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def _import_arrays() -> None:
-    """Import numba's functions of arrays without scipy's matrices, which no kernel uses.
-
-    Numba would import `scipy.linalg` only to know that it is there, which takes a tenth of a second at each start. It
-    looks again before it compiles a product of matrices.
-    """
-    linalg: Any = import_module("numba.np.linalg")
-    look = linalg.ensure_blas
-    linalg.ensure_blas = lambda: None
-    try:
-        import_module("numba.np.arraymath")
-    finally:
-        linalg.ensure_blas = look
-
-
-_import_arrays()
 
 
 def _compile_part(typing: Any, target: Any, _: Any, *rest: Any) -> Any:
@@ -108,9 +89,13 @@ def compiled(function: Function) -> Function:
 
     numba renews its cache only when the file of the entry point itself changes. Inlined kernels live in other files,
     so the stamp covers every source that a kernel can come from.
+
+    Before it loads machine code, numba would load all that a compiler can need, which takes longer than all other work
+    of a start. It does so again before it compiles.
     """
     entry = numba.njit(cache=True, error_model="numpy", _nrt=False)(function)
     if cache := getattr(entry, "_cache", None):
+        cache.load_overload = cache._load_overload
         cache._cache_file._source_stamp = _source_stamp(_find_package(Path(function.__code__.co_filename)))
     return cast(Function, entry)
 

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD, record_type
 from gustproof.recording.bag import read_bag, write_bag
-from gustproof.recording.definitions import TYPES
+from gustproof.recording.definitions import STANDARD_MESSAGES, TYPES, definition
 from gustproof.recording.topics import ANGLE_TOPICS, TOPICS, encode
 
 FLIGHT = {"scenario": "paper", "law": "hinf-d1", "seed": 1}
@@ -119,6 +119,12 @@ def test_the_definitions_of_our_own_messages_say_units_and_frames(bag):
         assert "frame_id: the body, forward-right-down" in text
     assert "_N is north-east-down, _B is forward-right-down" in flown
     assert "uint32 OFFBOARD=393216\n" in mode
+
+
+def test_the_definitions_of_standard_messages_are_those_of_ros_2_jazzy():
+    jazzy = get_typestore(Stores.ROS2_JAZZY)
+    for name in STANDARD_MESSAGES:
+        assert definition(name) == (jazzy.generate_msgdef(name, ros_version=2)[0], jazzy.hash_rihs01(name))
 
 
 def test_the_flight_topic_names_the_flight_and_the_mode_is_written_when_it_changes(bag):

@@ -3,6 +3,7 @@
 The files have names that are paths, terminal control sequences, gigabytes in small archives, or no end.
 """
 
+import gc
 import json
 import os
 import shutil
@@ -10,7 +11,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -318,8 +319,11 @@ def packed(content: bytes) -> bytes:
 
 @cache
 def zeros_in_zlib(size: int) -> bytes:
+    """Return so many zeros, of which only the first two parts are compressed: from the second on all are alike."""
     press, zeros = zlib.compressobj(1), bytes(16 << 20)
-    return b"".join(press.compress(zeros) for _ in range(size // len(zeros))) + press.flush()
+    first, other = (press.compress(zeros) + press.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
+    empty, checksum = b"\3\0", struct.pack(">I", size % 65521 << 16 | 1)
+    return first + other * (size // len(zeros) - 1) + empty + checksum
 
 
 def matlab(name: str, content: Callable[[Path], object]) -> None:
@@ -380,6 +384,15 @@ certificate("another document", '{"format": "\x7f"}')
 certificate("deep", "[" * 100_000)
 certificate("device", zero)
 certificate("pipe", os.mkfifo)
+
+
+@pytest.fixture(autouse=True)
+def seldom_collected() -> Iterator[None]:
+    """Collect garbage as seldom as the command does, see `gustproof.__main__`: it takes most of the time else."""
+    usual = gc.get_threshold()
+    gc.set_threshold(100_000)
+    yield
+    gc.set_threshold(*usual)
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@ import math
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from gustproof.simulate.flight import FlightPlan
 from gustproof.types import Records
 
 UNITS = Path(__file__).parent
-WAITING = UNITS.with_name("conformance")
+WAITING = (UNITS.with_name("conformance"), UNITS / "firmware_model" / "guest", UNITS / "simulate" / "test_guest.py")
 WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
 WITHOUT_KERNELS = (
     *(f"firmware_model/{room}" for room in ("autopilot", "config", "mavlink", "process", "recording")),
@@ -55,13 +55,15 @@ def _is_without_kernels(path):
 
 @cache
 def _is_waiting(path):
-    return path.is_relative_to(WAITING)
+    return any(map(path.is_relative_to, WAITING))
 
 
-@pytest.fixture(autouse=True)
-def slow_machine_is_not_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope="session")
+def slow_machine_is_not_told_of() -> Iterator[None]:
     """Print no lines of progress: what a command says does not depend on the load of the machine."""
-    monkeypatch.setattr(options, "_FIRST_LINE_S", 3600.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(options, "_FIRST_LINE_S", 3600.0)
+        yield
 
 
 @pytest.fixture
@@ -132,20 +134,26 @@ def drawn(monkeypatch):
 @pytest.fixture
 def recorded(tmp_path):
     """Record flights that nobody flew: what stands in the journal is given by field."""
+    return partial(_record, tmp_path)
 
-    def make(folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
-        script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
-        plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
-        records = np.zeros(n, dtype=record_type(np.shape(fields.get("rotors", [0.0] * 4))[-1]))
-        records["time_us"] = 4000.0 * np.arange(n)
-        records["q_NB"][:, 0] = 1.0
-        records["omega_command_B"] = np.nan
-        for name, values in fields.items():
-            records[name] = values
-        write_bag(tmp_path / folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
-        return tmp_path / folder
 
-    return make
+@pytest.fixture(scope="module")
+def recorded_once(tmp_path_factory):
+    """Record such flights for all tests of a module."""
+    return partial(_record, tmp_path_factory.mktemp("recorded"))
+
+
+def _record(root, folder, *, scenario="coning", law="hinf-d1", seed=1, n=500, require=(), **fields):
+    script = replace(load_scenario(scenario), duration_s=n / 250, require=require)
+    plan = FlightPlan(script, load_law(law), load_vehicle("paper"), seed, False)
+    records = np.zeros(n, dtype=record_type(np.shape(fields.get("rotors", [0.0] * 4))[-1]))
+    records["time_us"] = 4000.0 * np.arange(n)
+    records["q_NB"][:, 0] = 1.0
+    records["omega_command_B"] = np.nan
+    for name, values in fields.items():
+        records[name] = values
+    write_bag(root / folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
+    return root / folder
 
 
 def _around(value: float, share: float = 0.05) -> Interval:

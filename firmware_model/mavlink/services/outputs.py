@@ -19,14 +19,19 @@ def make_service(context: VehicleContext) -> Service:
     """Return the service of set-points and rotor outputs."""
     loop = context.loop
 
+    def tracks_own() -> bool:
+        """Return whether the vehicle's own loops fly: what a controller sends that stands by has no effect."""
+        return bool(context.autopilot.armed and loop.sample) and context.autopilot.mode is not Mode.OFFBOARD
+
     def echo(kind: type[AttitudeTarget | TorqueCommand]) -> Message | None:
         return messages.echo_message(context.setpoint) if isinstance(context.setpoint, kind) else None
 
+    def targets() -> Message | None:
+        return None if tracks_own() else echo(AttitudeTarget)
+
     def torques() -> Message | None:
-        autopilot = context.autopilot
-        if not (autopilot.armed and loop.sample) or autopilot.mode is Mode.OFFBOARD:
+        if not tracks_own():
             return echo(TorqueCommand)
-        # Set-points have no effect in the other modes, though a controller that stands by sends them.
         own = TorqueCommand(time_us=loop.observe().time_us, torque_B=loop.torque_command, throttle=None)
         return messages.echo_message(own)
 
@@ -43,7 +48,7 @@ def make_service(context: VehicleContext) -> Service:
 
     return Service(
         streams={
-            wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(lambda: echo(AttitudeTarget), 100_000),
+            wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(targets, 100_000),
             wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Stream(torques, 100_000),
             wire.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(servos, 100_000),
             wire.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS: Stream(outputs, 100_000),

@@ -7,6 +7,7 @@ together until the sensitivity peak is the one before. What that brings is the p
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -183,7 +184,9 @@ class _Advisor:
         peaks = [float(axis.peaks[_AS_IS]) for axis in self._now]
         self._open = [axis for axis, peak in enumerate(peaks) if peak > TARGET]
         self._targets = [min(peak, TARGET) for peak in peaks]
-        self._before = _pooled([axis.performance(_AS_IS) for axis in self._now])
+        self._as_is = [axis.performance(_AS_IS) for axis in self._now]
+        self._before = _pooled(self._as_is)
+        self._phase_cost = cache(self._find_phase_cost)
 
     def advise(self, slew: float) -> tuple[Advice, ...]:
         alone = [found for family in _SCALES if (found := self._assess(family, {}, slew))]
@@ -219,13 +222,16 @@ class _Advisor:
         It is `None` if an axis cannot be brought to its target, a loop is unstable, or the slew is above `most`.
         """
         axes = self._axes(changes, family.axes) if changes else self._now
-        scales = dict.fromkeys(_ALL, _AS_IS)
+        scales = dict[int, int]()
         for axis in family.axes:
             index = axes[axis].scale(self._targets[axis])
             if index is None:
                 return None
             scales[axis] = index
-        rmse, slew = _pooled([axes[axis].performance(scales[axis]) for axis in _ALL])
+        figures = list(self._as_is)
+        for axis, index in scales.items():
+            figures[axis] = axes[axis].performance(index)
+        rmse, slew = _pooled(figures)
         if not math.isfinite(rmse) or slew > most:
             return None
         return Advice(
@@ -239,7 +245,7 @@ class _Advisor:
             open_axes=len({*self._open} - {*family.axes}),
         )
 
-    def _phase_cost(self, family: Family) -> tuple[float, float]:
+    def _find_phase_cost(self, family: Family) -> tuple[float, float]:
         """Return the largest phase [deg] that filters cost an axis at its crossover [rad/s]."""
         without = self._axes(dict.fromkeys(family.names, 0.0), family.axes)
         costs = []

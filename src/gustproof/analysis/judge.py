@@ -47,6 +47,8 @@ _MORE_SLEW = 1.25
 """[-] share of the law's torque slew that advice may add, where it has the vehicle's usual slew already."""
 _TUNED_PEAKS = (1.4, 1.6)
 """[-] least and largest Ms of better gains."""
+_SAME = 5e-3
+"""[-] relative change of error, slew and Ms within which gains are no better: three digits show none."""
 _UNSTABLE = "a vehicle within the spreads is unstable"
 
 Progress = Callable[[float, str], None]
@@ -282,7 +284,8 @@ def judge_law(
 def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | Tuning | None:
     """Return gains of least error at the Ms and slew of those judged, or at usual ones if they are less.
 
-    For an autopilot's loops these are its own parameters, for another law a flagship. It is `None` if none are found.
+    For an autopilot's loops these are its own parameters, for another law a flagship. It is `None` if none are found,
+    or only those judged.
     """
     kind = autopilot_kind(found.law)
     search = partial(tune_gains, kind) if kind else partial(tune_law, LawKind.FLAGSHIP)
@@ -290,10 +293,16 @@ def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | Tuning 
     slew, Ms = max(usual, found.slew or 0.0), min(max(found.Ms or low, low), high)
     for price in dict.fromkeys(((slew, Ms), (slew, low), (usual, low))):
         try:
-            return search(vehicles, found.scenario, slew=price[0], sensitivity_peak=price[1])
+            tuned = search(vehicles, found.scenario, slew=price[0], sensitivity_peak=price[1])
         except DesignError:  # too tight, or the search fails from each of its starts
             continue
+        return None if _is_same(found, tuned) else tuned
     return None
+
+
+def _is_same(found: Judgement, tuned: AutopilotTuning | Tuning) -> bool:
+    pairs = (found.Ms, tuned.Ms), (found.slew, tuned.slew), (found.rmse_deg, math.degrees(tuned.rmse))
+    return all(old is not None and math.isclose(old, new, rel_tol=_SAME) for old, new in pairs)
 
 
 def air_budget(vehicle: Vehicle, scenario: Scenario) -> Vector:

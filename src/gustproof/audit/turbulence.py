@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from firmware_model.config.waveforms import Dryden
 from firmware_model.physics.dryden import dryden_spectrum

@@ -33,8 +33,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError

@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import bdtr, betaincinv, stdtrit
 
 from gustproof.types import Array
 
@@ -38,7 +38,7 @@ def mean(values: Array) -> IntervalEstimate:
     value, n = float(np.mean(values)), len(values)
     if n < 2:
         return IntervalEstimate(value, -math.inf, math.inf)
-    half = float(stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / math.sqrt(n))
+    half = float(scipy.special.stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / math.sqrt(n))
     return IntervalEstimate(value, value - half, value + half)
 
 
@@ -50,7 +50,7 @@ def positive_mean(values: Array) -> IntervalEstimate:
     value, n = float(np.mean(values)), len(values)
     if n < 2 or value == 0.0:
         return IntervalEstimate(value, 0.0, math.inf)
-    spread = float(stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / (math.sqrt(n) * value))
+    spread = float(scipy.special.stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / (math.sqrt(n) * value))
     return IntervalEstimate(value, value * math.exp(-spread), value * math.exp(spread))
 
 
@@ -76,7 +76,7 @@ def _order_bounds(n: int, p: float) -> tuple[int, int]:
     width = _SIGMAS * math.sqrt(n * p * (1.0 - p)) + _SIGMAS
     first, last = max(math.floor(n * p - width), 0), min(math.ceil(n * p + width), n)
     counts = np.arange(first, last + 1)
-    chances = bdtr(counts.astype(np.float64), n, p)  # P(at most this many values are below the quantile)
+    chances = scipy.special.bdtr(counts.astype(np.float64), n, p)  # P(at most this many values are below the quantile)
     below = counts[chances <= _TAIL]
     above = counts[chances >= 1.0 - _TAIL]
     return (int(below[-1]) if len(below) else -1), (int(above[0]) if len(above) else n)
@@ -89,8 +89,8 @@ def proportion(passed: int, n: int) -> IntervalEstimate:
     ----------
     C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits, Biometrika 26, 1934.
     """
-    low = float(betaincinv(passed, n - passed + 1, _TAIL)) if passed else 0.0
-    high = float(betaincinv(passed + 1, n - passed, 1.0 - _TAIL)) if passed < n else 1.0
+    low = float(scipy.special.betaincinv(passed, n - passed + 1, _TAIL)) if passed else 0.0
+    high = float(scipy.special.betaincinv(passed + 1, n - passed, 1.0 - _TAIL)) if passed < n else 1.0
     return IntervalEstimate(passed / n, low, high)
 
 
@@ -156,7 +156,7 @@ def _bins(n: int) -> tuple[int, NDArray[np.intp], float]:
     """Return the number of bins for `n` runs, their edges, and `Importance.noise`."""
     bins = min(n // _MIN_PER_BIN, _MAX_BINS)
     edges = np.linspace(0, n, bins + 1).round().astype(np.intp)
-    chance = float(betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, CONFIDENCE))
+    chance = float(scipy.special.betaincinv((bins - 1) / 2.0, (n - bins) / 2.0, CONFIDENCE))
     return bins, edges, _remove_chance(chance, n, bins)
 
 

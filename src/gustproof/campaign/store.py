@@ -131,7 +131,7 @@ class Store:
     def _check_metadata(self) -> None:
         path = self.folder / "campaign.json"
         text = json.dumps(self._campaign.metadata(), sort_keys=True)
-        if not path.exists():
+        if not (path.exists() and any(_PART.fullmatch(each.name) for each in self.folder.iterdir())):
             _write_atomic(path, lambda file: file.write(text.encode()))
             return
         try:
@@ -162,9 +162,8 @@ def check_same_campaign(theirs: dict[str, Any], ours: dict[str, Any], complaint:
     """
     keys = [key for key in ours if theirs.get(key) != ours[key]]
     if keys:
-        raise ConfigError(
-            f"{complaint}: {', '.join(keys)} differ{'s' if len(keys) == 1 else ''}; give another -o, or remove it"
-        )
+        was = [f"{key} was {theirs[key]}" if isinstance(theirs.get(key), int) else f"{key} differs" for key in keys]
+        raise ConfigError(f"{complaint}: {', '.join(was)}; give another -o, or remove it")
 
 
 def _read(path: Path) -> Any:

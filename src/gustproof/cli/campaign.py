@@ -305,8 +305,14 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
                 known=known,
             )
     except KeyboardInterrupt:
-        line = f"interrupted; finished runs are in {output}.parts, and the same command resumes from there"
-        raise exit_with(line, ExitStatus.INTERRUPTED) from None
+        raise exit_with(f"interrupted; {_describe_kept(output)}", ExitStatus.INTERRUPTED) from None
+
+
+def _describe_kept(output: Path) -> str:
+    parts = output.with_name(f"{output.name}.parts")
+    if not any(parts.glob("*.arrow")):
+        return "no run was finished"
+    return f"finished runs are in {parts}, and the same command resumes from there"
 
 
 def _start(executor: str | None, title: str) -> str:

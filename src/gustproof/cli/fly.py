@@ -291,18 +291,26 @@ def _report_failures(result: "Flight", comparison: _Comparison | None, folder: P
 
 def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error, and on a page if there is one."""
-    from gustproof.simulate.checkup import is_cold
     from gustproof.simulate.flight import FlightPlan
     from gustproof.simulate.recorder import fly_and_record, fly_guest_and_record
 
     if not quiet:
         _print_warnings(plan)
     title = f"{plan.scenario.name}, {_pilot_name(plan)}"
-    with progress(f"{title}{COMPILING * is_cold()}", quiet=quiet) as shown:
-        options: dict[str, Any] = {"tlog": tlog, "progress": lambda x: shown(x, title)}
+    with progress(lambda: f"{title}{_note_compiling()}", quiet=quiet) as shown:
+        writing = f"{title}: writing the bag"
+        told = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
+        options: dict[str, Any] = {"tlog": tlog, **told}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
         return fly_guest_and_record(plan, folder, **options, on_listening=page.follow if page else None)
+
+
+def _note_compiling() -> str:
+    """Return the reason why a flight takes long to begin, once after an installation."""
+    from gustproof.simulate.checkup import is_cold
+
+    return COMPILING * is_cold()
 
 
 def _print_warnings(plan: "FlightPlan | GuestPlan") -> None:

@@ -1,5 +1,6 @@
 """The command `gustproof identify`: vehicle, air and sensors from the log of a flight."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,11 +93,19 @@ def identify(
     from gustproof.report.vehicle_numbers import render_identification
 
     show(render_identification(found, air, findings))
+    _tell_outputs(outputs, has_vehicle=vehicle is not None)
+
+
+def _tell_outputs(outputs: _Outputs, *, has_vehicle: bool) -> None:
+    """Print the files that are written, and the next command, or how to get a vehicle for it."""
     for kind, path in outputs.items():
         if path is not None:
             print(f"{kind} in {path}")
-    if output is not None:
+    if output := outputs["vehicle"]:
         print(f"next: gustproof tune {output} -o {output.with_suffix('.json')}")
+    elif has_vehicle:
+        written = "no vehicle" if any(outputs.values()) else "nothing"
+        print(f"gustproof: {written} written: give -o my-quad.toml for the vehicle", file=sys.stderr)
 
 
 def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLog":

@@ -1,5 +1,6 @@
 """The command `gustproof judge`: a user's gains on his vehicle."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +9,16 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
 from gustproof.cli.laws import PARAMETER_SUFFIXES
-from gustproof.cli.options import SEED, AsJson, VehicleName, check_output, parse_positive_vector, print_json, progress
+from gustproof.cli.options import (
+    SEED,
+    AsJson,
+    VehicleName,
+    check_output,
+    is_given,
+    parse_positive_vector,
+    print_json,
+    progress,
+)
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
@@ -23,6 +33,7 @@ _LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
 
 
 def judge(
+    context: typer.Context,
     gains: Annotated[
         str,
         typer.Argument(
@@ -65,6 +76,7 @@ def judge(
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.analysis.advice import autopilot_kind
     from gustproof.analysis.judge import Verdict
+    from gustproof.report.judgement import NONE_BETTER
 
     check_output(output, ".html", "a page")
     budget = None if moment is None else parse_positive_vector("--moment", moment)
@@ -72,24 +84,30 @@ def judge(
     law, step, remarks = _read(gains, vehicles.nominal)
     is_autopilot = autopilot_kind(law) is not None
     check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")), new=True)
+    _tell_default(context, vehicle, is_autopilot=is_autopilot)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
-    written = filter(None, (better, output))
-    if better is not None:
-        _save(tuned, vehicles.nominal, better)
+    in_vain = (NONE_BETTER,) * (search and tuned is None)
+    written = [*_save(tuned, vehicles.nominal, better), *filter(None, [output])]
     if output is not None:
         from gustproof.report.html.judgement_page import write_judgement
 
-        write_judgement(found, improved, remarks, output)
+        write_judgement(found, improved, (*remarks, *in_vain), output)
     if as_json:
         print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
     else:
-        _print(
-            found, improved, [*(f"model: {remark}" for remark in remarks), *(f"{path} is written" for path in written)]
-        )
+        _print(found, improved, remarks, [*in_vain, *map("{} is written".format, written)])
+    if in_vain and better:
+        raise ConfigError(f"{NONE_BETTER}: {better} is not written")
     if found.verdict is not Verdict.SOUND:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _tell_default(context: typer.Context, vehicle: str, *, is_autopilot: bool) -> None:
+    """Say on stderr that gains, which unlike a law do not tell their vehicle, are judged on the default one."""
+    if is_autopilot and not is_given(context, "vehicle"):
+        print(f"gustproof: no --vehicle given: judged on '{vehicle}'", file=sys.stderr, flush=True)
 
 
 def _judge_both(
@@ -114,23 +132,25 @@ def _judge_both(
         raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
 
 
-def _print(found: "Judgement", improved: "Judgement | None", lines: list[str]) -> None:
+def _print(found: "Judgement", improved: "Judgement | None", remarks: tuple[str, ...], lines: list[str]) -> None:
     from gustproof.report.judgement import render_judgement
     from gustproof.report.terminal import show
 
     show(render_judgement(found, improved))
-    print("\n".join(lines))
+    print("\n".join([*(f"model: {remark}" for remark in remarks), *lines]))
 
 
-def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path) -> None:
+def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path | None) -> list[Path]:
+    """Write better gains if they are found and a file is named for them; return the files written."""
     from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
 
-    if tuned is None:
-        raise ConfigError(f"no better gains were found: {path} is not written")
+    if tuned is None or path is None:
+        return []
     if isinstance(tuned, AutopilotTuning):
         save_tuning(tuned, vehicle, path)
     else:
         tuned.law.save(path)
+    return [path]
 
 
 def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":

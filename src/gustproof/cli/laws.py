@@ -77,6 +77,8 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
         physics_rate_hz=script.physics_rate_hz,
         delay_samples=script.delay_samples,
     )
+    if not quiet:
+        print(f"gustproof: no --law: tuning one for '{printable(name)}'", file=sys.stderr, flush=True)
     with progress(f"tuning {DEFAULT_LAW} for {name}", quiet=quiet) as shown:
         tuning = tune_law(DEFAULT_LAW, vehicles, air, progress=shown)
     price = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"

@@ -118,6 +118,12 @@ def save_flight(scenario: "Scenario", vehicle: "Vehicle", nominal: "Vehicle", ou
     return [output, beside]
 
 
+def is_given(context: typer.Context, name: str) -> bool:
+    """Return whether a parameter is on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
 def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:
     """Refuse parameters on the command line whose values are given elsewhere, or mean nothing there.
 
@@ -128,8 +134,7 @@ def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None
     """
     written = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
     for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
+        if is_given(context, name):
             raise ConfigError(f"{why}; {written[name]} cannot be given with it")
 
 
@@ -151,15 +156,16 @@ def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
 
 
 @contextmanager
-def progress(title: str, *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
+def progress(title: str | Callable[[], str], *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
     """Yield a function that shows a fraction [0..1] and a text on stderr; where that is no terminal, as plain lines.
 
-    The bar moves, and lines come, also while the function is not called. If `quiet` there are none.
+    The bar moves, and lines come, also while the function is not called. If `quiet` there are none. A title that is
+    costly to find is a function, which a quick command never calls.
     """
     if quiet:
         yield lambda _fraction, _text: None
     elif sys.stderr.isatty():
-        with _bar(title, total=1.0) as shown:
+        with _bar(title if isinstance(title, str) else title(), total=1.0) as shown:
             yield shown
     else:
         with _plain_lines(title) as shown:
@@ -191,16 +197,19 @@ def _bar(title: str, *, total: float | None) -> Iterator[Callable[[float, str], 
 
 
 @contextmanager
-def _plain_lines(title: str) -> Iterator[Callable[[float, str], None]]:
+def _plain_lines(title: str | Callable[[], str]) -> Iterator[Callable[[float, str], None]]:
     """Yield as `progress` does; a thread prints the latest state after 2 s, and from then on every 10 s."""
-    latest, ended, start = [(0.0, title)], threading.Event(), time.monotonic()
+    latest: list[tuple[float, str | Callable[[], str]]] = [(0.0, title)]
+    ended, start = threading.Event(), time.monotonic()
 
     def repeat() -> None:
         wait_s = _FIRST_LINE_S
         while not ended.wait(wait_s):
             (fraction, text), wait_s = latest[0], _NEXT_LINES_S
-            share = f"{fraction:.0%}, " if fraction else ""
-            print(f"gustproof: {printable(text)}: {share}{time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+            share, shown = f"{fraction:.0%}, " if fraction else "", text if isinstance(text, str) else text()
+            print(
+                f"gustproof: {printable(shown)}: {share}{time.monotonic() - start:.0f} s", file=sys.stderr, flush=True
+            )
 
     thread = threading.Thread(target=repeat, daemon=True)
     thread.start()

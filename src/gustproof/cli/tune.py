@@ -156,12 +156,13 @@ def _tune_autopilot(
         tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms, progress=shown)
     if output is not None:
         save_tuning(tuning, vehicles.nominal, output)
-    figures = {"Ms": tuning.Ms, "slew": tuning.slew, "rmse_deg": math.degrees(tuning.rmse)}
     if as_json:
+        errors = {"rmse_deg": math.degrees(tuning.seen_rmse), "true_rmse_deg": math.degrees(tuning.rmse)}
+        figures = {"Ms": tuning.Ms, "slew": tuning.slew, **errors}
         print_json({"law": tuning.law.name, **figures, "parameters": tuning.parameters})
         return
     for name, value in tuning.parameters.items():
         print(f"{name} {value:g}")
-    print("predicted: " + ", ".join(f"{name} {value:.4g}" for name, value in figures.items()))
+    print(f"predicted: {tuning.describe_error()}, torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}")
     if output is not None:
         print(f"parameters in {output}")

@@ -22,7 +22,6 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.entries.entry import Entry, EntryKind
-from gustproof.entries.library import LibraryStepper, load_library
 from gustproof.entries.time_limit import TimeLimitExceeded, time_limit
 from gustproof.law.form import Output
 from gustproof.types import Array
@@ -159,6 +158,8 @@ def make_stepper(entry: Entry, vehicle: Vehicle, dt: float | None = None) -> Che
     if entry.kind is EntryKind.PROGRAM:
         raise ConfigError(f"controller '{entry.source}': is a program, which flies by MAVLink alone")
     if entry.kind is EntryKind.LIBRARY:
+        from gustproof.entries.library import LibraryStepper, load_library
+
         library = load_library(entry)
         return CheckedStepper(entry.name, LibraryStepper(library), library.output, library.dt)
     place, _, name = entry.source.rpartition(":")

@@ -19,7 +19,7 @@ from firmware_model.config.firmware import (
     px4_full_torque,
     px4_parameters,
 )
-from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.vehicle import Vehicle, list_vehicles
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.law.form import Law, Output
@@ -83,11 +83,18 @@ def _words(law: Law, vehicle: Vehicle, attitude: Attitude, folder: str) -> dict[
         "prefix": c_name(law.name),
         "rate": str(round(1.0 / law.dt)),
         "vehicle": vehicle.name,
+        "option": _vehicle_option(vehicle.name),
         "mass": f"{vehicle.mass:g}",
         "attitude": "the autopilot's estimate" if attitude is Attitude.AUTOPILOT else "the law's own, from the gyro",
         "linear": "" if law.is_scheduled else _LINEAR,
         "folder": folder,
     }
+
+
+def _vehicle_option(name: str) -> str:
+    """Return what names a vehicle on the command line, where it is not the default one."""
+    file = name if name in list_vehicles() else f"{name}.toml"
+    return "" if name == "paper" else f" --vehicle {file}"
 
 
 def _units(law: Law, attitude: Attitude, words: Mapping[str, str], *, single: bool) -> dict[str, str]:

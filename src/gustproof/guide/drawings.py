@@ -22,6 +22,7 @@ from gustproof.performance.tradeoff import linear_laws
 from gustproof.recording.derived import angle_records
 from gustproof.report.figure_style import save_figure
 from gustproof.report.figures import save_histories
+from gustproof.report.laid_out import LaidOutFigure
 from gustproof.simulate.direct import fly_direct
 from gustproof.types import Array, Records
 
@@ -82,7 +83,7 @@ def tilt_deg(records: Records) -> Array:
 
 
 def _new_panels(columns: int, **shared: Any) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(9.0, 3.0), layout="constrained")
+    figure = LaidOutFigure(figsize=(9.0, 3.0))
     axes = [*figure.subplots(1, columns, squeeze=False, **shared).ravel()]
     for each in axes:
         each.spines[["top", "right"]].set_visible(False)
@@ -200,7 +201,7 @@ def _draw_autopilots(path: Path) -> None:
 
 def draw_turned_over(flights: dict[str, Records], vehicle: Vehicle, path: Path) -> None:
     """Draw the tilt of two flights over time, and both vehicles at the moment when the first is tilted most."""
-    figure = Figure(figsize=(9.0, 3.0), layout="constrained")
+    figure = LaidOutFigure(figsize=(9.0, 3.0))
     whole = figure.subplot_mosaic([["tilt", _PAPER, _OURS]], width_ratios=[2.0, 1.0, 1.0])
     sample = int(np.argmax(tilt_deg(flights[_PAPER])))
     for law, records in flights.items():

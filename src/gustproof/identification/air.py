@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 from scipy.optimize import Bounds, minimize
 from scipy.signal import lfilter, welch
 

@@ -6,7 +6,9 @@ of a model with its own disturbance are not, if that has the right shape (Ljung,
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +31,18 @@ _REACH = np.array([0.5, 0.02, 2.0, 2.0, 1.0, 2.0, 1.0, 2.0])  # of one step
 _STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction(NamedTuple):
+    """Prediction of an axis under some parameters."""
+
+    response: Array
+    """(n, k) of the rate to each channel."""
+    errors: Array
+    """(n, 1 + k) [rad/s] of predicting the rate, and of predicting each response."""
+    variance: Array
+    """(n,) [rad^2/s^2] of the rate's errors."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AxisData:
     """Measurements of one axis."""
 
@@ -42,10 +55,20 @@ class AxisData:
     square: bool
     """True if the commands are of motors, whose thrust is the square of their speed."""
 
-    @property
+    @cached_property
     def time(self) -> Array:
         """(n,) [s] of all bins."""
         return np.concatenate([s.time for s in self.stretches])
+
+    @cached_property
+    def _count(self) -> Array:
+        """(n,) gyro samples in each bin."""
+        return np.concatenate([s.count for s in self.stretches])
+
+    @cached_property
+    def _start(self) -> Array:
+        """(n,) 1 where a stretch begins."""
+        return np.concatenate([np.arange(len(s.time)) == 0 for s in self.stretches]).astype(np.float64)
 
     @property
     def size(self) -> int:
@@ -61,16 +84,16 @@ class AxisData:
         """Return the measured rate (n,) [rad/s]."""
         return np.concatenate([s.rate[:, self.axis] for s in self.stretches])
 
-    def errors(self, theta: Array, response: Array) -> tuple[Array, Array]:
-        """Return the prediction errors of rate and `response` (n, 1 + k) and the variance (n,)."""
+    def predict(self, theta: Array, response: Array | None = None) -> Prediction:
+        """Return the prediction under `theta`, whose `response` may be known."""
+        response = self.response(theta) if response is None else response
         signals = np.column_stack([self.rate(), response])
-        start = np.concatenate([np.arange(len(s.time)) == 0 for s in self.stretches]).astype(np.float64)
-        count = np.concatenate([s.count for s in self.stretches])
         out, variance = np.empty_like(signals), np.empty(len(signals))
         model = np.array([theta[DAMPING], *np.exp(theta[NOISE:GAINS])])
-        prediction_errors(self.time, count, start, signals, model, np.empty((3, signals.shape[1])), out, variance)
-        out[start != 0.0] = 0.0
-        return out, variance
+        state = np.empty((3, signals.shape[1]))
+        prediction_errors(self.time, self._count, self._start, signals, model, state, out, variance)
+        out[self._start != 0.0] = 0.0
+        return Prediction(response, out, variance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,25 +122,26 @@ class _Linear:
         return np.asarray(error.T @ error + 0.5 * variance.T @ variance)
 
 
-def axis_cost(data: AxisData, theta: Array) -> float:
-    """Return minus the log likelihood of an axis, with the prior."""
-    errors, variance = data.errors(theta, data.response(theta))
-    error = errors[:, 0] - errors[:, 1:] @ theta[GAINS:]
+def axis_cost(theta: Array, found: Prediction) -> float:
+    """Return minus the log likelihood of an axis predicted under `theta`, with the prior."""
+    error = found.errors[:, 0] - found.errors[:, 1:] @ theta[GAINS:]
     prior = (theta[DAMPING] / DAMPING_PRIOR) ** 2
-    return 0.5 * float(np.sum(np.log(variance) + error**2 / variance) + prior)
+    return 0.5 * float(np.sum(np.log(found.variance) + error**2 / found.variance) + prior)
 
 
-def linearise(data: AxisData, theta: Array) -> _Linear:
-    """Return errors and derivatives; those by the gains are exact, others forward differences."""
-    response = data.response(theta)
-    errors, variance = data.errors(theta, response)
+def linearise(data: AxisData, theta: Array, found: Prediction) -> _Linear:
+    """Return errors and derivatives; those by the gains are exact, others forward differences.
+
+    The axis is predicted under `theta`.
+    """
+    response, errors, variance = found
     error = errors[:, 0] - errors[:, 1:] @ theta[GAINS:]
     d_error, d_variance = np.empty((len(error), data.size)), np.zeros((len(error), data.size))
     d_error[:, GAINS:] = -errors[:, 1:]
     for i in range(GAINS):
         near = theta.copy()
         near[i] += _STEP[i]
-        moved, its_variance = data.errors(near, data.response(near) if i <= DAMPING else response)
+        _, moved, its_variance = data.predict(near, None if i <= DAMPING else response)
         d_error[:, i] = (moved[:, 0] - moved[:, 1:] @ theta[GAINS:] - error) / _STEP[i]
         d_variance[:, i] = (its_variance - variance) / _STEP[i]
     return _Linear(error=error, variance=variance, d_error=d_error, d_variance=d_variance)
@@ -125,7 +149,7 @@ def linearise(data: AxisData, theta: Array) -> _Linear:
 
 def solve_gains(data: AxisData, theta: Array) -> Array:
     """Return `theta` with the gains that fit best under its other parameters."""
-    errors, variance = data.errors(theta, data.response(theta))
+    _, errors, variance = data.predict(theta)
     weighted = errors / np.sqrt(variance)[:, None]
     gains = np.linalg.lstsq(weighted[:, 1:], weighted[:, 0], rcond=None)[0]
     return np.concatenate([theta[:GAINS], gains])
@@ -137,7 +161,7 @@ def places(axes: Sequence[AxisData]) -> list[Indices]:
     return [np.concatenate([np.arange(SHARED), np.arange(a, b)]) for a, b in pairwise(ends)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
     """Maximum of the likelihood."""
 
@@ -145,12 +169,17 @@ class Fit:
     """(p,) lag and delay, then each axis' other parameters."""
     axes: Sequence[AxisData]
     """Data."""
-    linear: Sequence[_Linear]
-    """Derivatives at the maximum, of each axis."""
+    found: Sequence[Prediction]
+    """Predictions at the maximum, of each axis."""
     cost: float
     """[-] minus the log likelihood."""
     free: Array
     """(p,) False for parameters at a bound, or held."""
+
+    @cached_property
+    def linear(self) -> list[_Linear]:
+        """Derivatives at the maximum, of each axis."""
+        return _linearise_all(self.axes, self.theta, self.found)
 
     def axis(self, i: int) -> Array:
         """Return the parameters of an axis."""
@@ -159,6 +188,11 @@ class Fit:
     def information(self) -> Array:
         """Return Fisher's information (p, p)."""
         return _assemble(self.axes, self.linear, self.theta)[1]
+
+
+def _linearise_all(axes: Sequence[AxisData], theta: Array, found: Sequence[Prediction]) -> list[_Linear]:
+    """Return the derivatives of each axis, predicted under the parameters of all."""
+    return [linearise(data, theta[at], one) for data, at, one in zip(axes, places(axes), found, strict=True)]
 
 
 def _assemble(axes: Sequence[AxisData], linear: Sequence[_Linear], theta: Array) -> tuple[Array, Array]:
@@ -189,13 +223,14 @@ def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: i
     for at in index:
         low[at[:GAINS]], high[at[:GAINS]], reach[at[:GAINS]] = _LOW, _HIGH, _REACH
 
-    def cost_of(point: Array) -> float:
-        return sum(axis_cost(data, point[at]) for data, at in zip(axes, index, strict=True))
+    def evaluate(point: Array) -> tuple[float, list[Prediction]]:
+        found = [data.predict(point[at]) for data, at in zip(axes, index, strict=True)]
+        return sum(axis_cost(point[at], one) for at, one in zip(index, found, strict=True)), found
 
     theta, mu, free = np.clip(theta, low, high), 1e-3, np.ones(len(theta), dtype=bool)
-    cost, linear = cost_of(theta), [linearise(d, theta[at]) for d, at in zip(axes, index, strict=True)]
+    cost, found = evaluate(theta)
     for _ in range(rounds):
-        score, information = _assemble(axes, linear, theta)
+        score, information = _assemble(axes, _linearise_all(axes, theta, found), theta)
         free = ~((theta <= low) & (score < 0.0) | (theta >= high) & (score > 0.0))
         free[:held] = False
         H, g = information[np.ix_(free, free)], score[free]
@@ -205,12 +240,11 @@ def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: i
             trial = theta.copy()
             trial[free] += np.clip(step, -reach[free], reach[free])
             trial = np.clip(trial, low, high)
-            its_cost = cost_of(trial)
+            its_cost, its_own = evaluate(trial)
             if its_cost < cost:
-                theta, cost, mu = trial, its_cost, max(mu / 10.0, 1e-9)
+                theta, cost, found, mu = trial, its_cost, its_own, max(mu / 10.0, 1e-9)
                 break
             mu *= 10.0
-        linear = [linearise(d, theta[at]) for d, at in zip(axes, index, strict=True)]
         if before - cost < 1e-3:
             break
-    return Fit(theta=theta, axes=axes, linear=linear, cost=cost, free=free)
+    return Fit(theta=theta, axes=axes, found=found, cost=cost, free=free)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from firmware_model.config.events import RotorFailure
 from firmware_model.config.requirement import Metric, Requirement

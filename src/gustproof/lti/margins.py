@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain, lft, sensitivity, series

@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError

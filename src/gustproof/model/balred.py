@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.errors import DesignError
 from gustproof.lti.norms import hinf_norm

@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti
 

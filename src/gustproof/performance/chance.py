@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import erfc
+import scipy
 
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import NoiseModel, Vehicle
@@ -123,7 +123,7 @@ def exceedance(sigmas: Matrix, bound: float) -> float:
     """
     moving = sigmas[sigmas > 0.0]
     # Rounding of `erfc` and of the sum is far below the factor.
-    return float(np.sum(erfc(bound / (math.sqrt(2.0) * moving)))) * (1.0 + 1e-9)
+    return float(np.sum(scipy.special.erfc(bound / (math.sqrt(2.0) * moving)))) * (1.0 + 1e-9)
 
 
 def least_bound(sigmas: Matrix, risk: float) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -200,17 +200,21 @@ def mean_covariance(F: Matrix, Q: Matrix, P: Matrix, count: int) -> Matrix:
     `Q` is the covariance of `n`. `F` need not be stable: a gyro-only attitude is a random walk without a stationary
     covariance. Computed by doubling, in log2(count) products of size n.
     """
-    # after m steps: F^m, covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'
-    power, reached, total, initial = F, Q, np.zeros_like(P), P
-    m = 1
+    # after m steps: F^m; covariance reached from 0, sum of covariances from 0, sum of F^k P F^k'
+    power, m = F, 1
+    reached, total, initial = sums = np.zeros(
+        (3, *np.broadcast_shapes(F.shape, Q.shape, P.shape)), np.result_type(F, Q, P)
+    )
+    reached[:], initial[:] = Q, P
     for bit in f"{count:b}"[1:]:
-        total = total + m * reached + power @ total @ power.mT
-        initial = initial + power @ initial @ power.mT
-        reached = reached + power @ reached @ power.mT
+        moved = power @ sums @ power.mT
+        total += m * reached
+        sums += moved
         power, m = power @ power, 2 * m
         if bit == "1":
-            total, initial = total + reached, initial + power @ P @ power.mT
-            reached, power, m = F @ reached @ F.mT + Q, F @ power, m + 1
+            total += reached
+            initial += power @ P @ power.mT
+            reached[:], power, m = F @ reached @ F.mT + Q, F @ power, m + 1
     return np.asarray((total + initial) / count)
 
 

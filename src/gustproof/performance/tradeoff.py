@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-import scipy.sparse
+import scipy
 
 from gustproof.errors import DesignError
 from gustproof.law.form import Matrix

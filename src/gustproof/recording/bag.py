@@ -9,13 +9,14 @@ import json
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from firmware_model.config.files import TEXT, parse_json
 from firmware_model.config.scenario import Scenario
@@ -33,6 +34,7 @@ from gustproof.recording.derived import (
     parse_scenario,
     requirement_fields,
 )
+from gustproof.recording.interleaved import BagWriter
 from gustproof.recording.mcap import messages
 from gustproof.recording.topics import (
     ANGLE_TOPICS,
@@ -97,7 +99,7 @@ def write_bag(
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=UNFINISHED_PREFIX) as unfinished:
         staged = Path(unfinished) / path.name  # rosbag2 names the file inside after the folder
-        writer = Writer(staged, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
+        writer = BagWriter(staged, version=BagWriter.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             _write(writer, records, flight)
@@ -176,7 +178,7 @@ def _files(path: Path) -> list[Path]:
     return [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap"))
 
 
-def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
+def _write(writer: BagWriter, records: Records, flight: Mapping[str, Any]) -> None:
     has_rates = not np.all(np.isnan(records["omega_command_B"]))
     topics = [
         topic for topic in list_topics(records.dtype["rotors"].shape[0]) if topic.name != "/command/rates" or has_rates
@@ -186,30 +188,24 @@ def _write(writer: Writer, records: Records, flight: Mapping[str, Any]) -> None:
     about = _add_topic(writer, FLIGHT_TOPIC, definitions.FLIGHT, latched=True)
     mode = _add_topic(writer, MODE_TOPIC, definitions.MODE, latched=True)
     writer.write(about, start_ns, _serialize(definitions.FLIGHT, text))
-    streams = []
-    for topic in topics:
-        connection = _add_topic(writer, topic.name, topic.message)
-        streams.append((connection, encode(topic, records).tobytes(), topic.layout.itemsize))
-    modes = records["mode"].astype(np.int64)
-    changed = {0, *(np.flatnonzero(np.diff(modes)) + 1).tolist()}
-    for i, time_us in enumerate(records["time_us"].astype(np.int64).tolist()):
-        if i in changed:
-            writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[i])))
-        for connection, payload, size in streams:
-            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+    streams = [(_add_topic(writer, topic.name, topic.message), encode(topic, records)) for topic in topics]
+    modes, times_us = records["mode"].astype(np.int64), records["time_us"].astype(np.int64)
+    changed = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(records)]
+    for begin, end in pairwise(changed):
+        time_us = int(times_us[begin])
+        writer.write(mode, time_us * 1000, _serialize(definitions.MODE, _header(time_us), int(modes[begin])))
+        writer.write_interleaved(times_us[begin:end] * 1000, [(to, rows[begin:end]) for to, rows in streams])
 
 
-def _write_rows(writer: Writer, topics: Iterable[Topic], rows: Records) -> None:
+def _write_rows(writer: BagWriter, topics: Iterable[Topic], rows: Records) -> None:
     """Write stamped `rows` (n,), one message a row on each topic."""
     for topic in topics:
-        connection = _add_topic(writer, topic.name, topic.message)
-        payload, size = encode(topic, rows).tobytes(), topic.layout.itemsize
-        for i, time_us in enumerate(rows["time_us"].astype(np.int64).tolist()):
-            writer.write(connection, time_us * 1000, payload[i * size : (i + 1) * size])
+        stream = _add_topic(writer, topic.name, topic.message), encode(topic, rows)
+        writer.write_interleaved(rows["time_us"].astype(np.int64) * 1000, [stream])
 
 
 def _write_derived(
-    writer: Writer, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
+    writer: BagWriter, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
 ) -> None:
     """Write the topics for viewers; those of events and requirements need the scenario."""
     _write_rows(writer, ANGLE_TOPICS, angle_records(records, scenario))
@@ -242,7 +238,7 @@ def read_estimate_topics(path: Path) -> Records:
     return estimates
 
 
-def _add_topic(writer: Writer, topic: str, message: str, *, latched: bool = False) -> Any:
+def _add_topic(writer: BagWriter, topic: str, message: str, *, latched: bool = False) -> Any:
     text, digest = definition(message)
     qos = [_LATCHED] if latched else []
     return writer.add_connection(topic, message, msgdef=text, rihs01=digest, offered_qos_profiles=qos)

@@ -35,7 +35,12 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
         title = "Requirements, and the share of runs that met them"
         columns = {"law, requirement": _FIRST, "limit": _RIGHT, "met": _WIDE, "worst": _NARROW, "run": _NARROW}
         parts.append(_law_table(found, title, columns, _requirement_rows))
-    if found.campaign.spreads:
+    told = [
+        law.figures[IMPORTANCE_FIGURE].importance.get(name) for law in found.laws for name in found.campaign.spreads
+    ]
+    if told and not any(told):
+        parts.append(Text("causes: these runs do not tell them apart (50 are needed)"))
+    elif told:
         caption = (
             "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
             "remainder: gusts and noise of each run, and interactions"

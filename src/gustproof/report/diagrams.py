@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
 from gustproof.model.interconnection import Interconnection
 from gustproof.model.lft import Uncertain
 from gustproof.model.lpv import PARAMETERS
 from gustproof.report.figure_style import save_figure
+from gustproof.report.laid_out import LaidOutFigure
 
 _INK, _FILL, _ACCENT = "#222222", "#eef3f8", "#fdf0e6"
 _WIDTH, _HEIGHT, _RADIUS = 0.72, 0.36, 0.2
@@ -55,7 +55,7 @@ def save_interconnection(problem: Interconnection, title: str, path: Path) -> No
     boxes, sums = place_nodes(problem)
     wires = route_wires(problem)
     labels = {signal.name: signal.label for signal in problem.signals}
-    figure = Figure(layout="constrained")
+    figure = LaidOutFigure()
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")
@@ -166,7 +166,7 @@ def _draw_wire(axes: Axes, points: Sequence[Point]) -> None:
 
 def save_lft(problem: Interconnection, dynamics: Uncertain, title: str, path: Path) -> None:
     """Draw the LFT whose slice at hover is `problem`: Delta of `dynamics`, generalised plant, controller."""
-    figure = Figure(figsize=(7.6, 5.4), layout="constrained")
+    figure = LaidOutFigure(figsize=(7.6, 5.4))
     axes = figure.subplots()
     axes.set_aspect("equal")
     axes.axis("off")

@@ -88,11 +88,11 @@ def legend_columns() -> int:
 
 def new_figure(size: tuple[float, float], title: str, *, colour: str) -> "Figure":
     """Return a figure of `size` [in]; in a paper as wide as a column, and without a title."""
-    from matplotlib.figure import Figure
+    from gustproof.report.laid_out import LaidOutFigure
 
     if is_paper():
-        return Figure(figsize=(_COLUMN_IN, min(_COLUMN_IN * size[1] / size[0] * 1.15, 9.0)), layout="constrained")
-    figure = Figure(figsize=size, layout="constrained")
+        return LaidOutFigure(figsize=(_COLUMN_IN, min(_COLUMN_IN * size[1] / size[0] * 1.15, 9.0)))
+    figure = LaidOutFigure(figsize=size)
     figure.suptitle(title, fontsize=12, color=colour)
     return figure
 

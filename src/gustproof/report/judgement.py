@@ -14,6 +14,10 @@ from gustproof.report.terminal import Renderable
 
 COLUMNS = ("axis", "vehicle", "crossover [rad/s]", "phase [deg]", "gain up", "gain down", "delay [ms]", "Ms")
 """Headings of the margins."""
+COMPARED = ("", "now", "better")
+"""Headings of the comparison."""
+NONE_BETTER = "no better gains found at this slew and Ms, or at usual ones"
+"""Line where better gains were searched in vain."""
 
 
 def render_judgement(found: Judgement, better: Judgement | None = None) -> Renderable:
@@ -31,7 +35,7 @@ def render_judgement(found: Judgement, better: Judgement | None = None) -> Rende
         lines = [f"- {advice.describe()}" for advice in found.advice]
         parts.append(Text("\n".join(["Advice, each change by itself, predicted:", *lines])))
     if better is not None:
-        compared = Table("", found.law.name, better.law.name, title="Better gains")
+        compared = Table(*COMPARED, title="Better gains")
         for name, cells in iter_comparison(found, better):
             compared.add_row(name, *cells)
         parts.append(compared)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,6 @@ from typing import NamedTuple
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest import ardupilot_process, betaflight_process, px4_process
 from firmware_model.numerics.compiled import find_cache
 from firmware_model.process import realtime, udp
 from firmware_model.sim.step import advance
@@ -25,6 +25,7 @@ from firmware_model.sim.vehicle_loop import is_cold as is_cold
 from gustproof.law.form import load_law
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import FlightPlan, first_difference_s
+from gustproof.simulate.guest import AUTOPILOTS, find_build
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly_plan
 from gustproof.version import software_versions
@@ -38,11 +39,7 @@ _PORTS = {
 _OWN_PORTS = (18570, 14580)
 _FREE_DISK = 1 << 30  # [bytes] a flight of a minute takes 10 MB, a campaign a hundred
 _TEST_S = 2.0
-_FINDERS = {
-    "px4": px4_process.find_build,
-    "ardupilot": ardupilot_process.find_build,
-    "betaflight": betaflight_process.find_binary,
-}
+_FINDERS = {kind: partial(find_build, kind) for kind in AUTOPILOTS}
 
 
 class Status(Enum):

@@ -1,5 +1,6 @@
 """One flight: plan, checks before it, record."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -9,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic_core import to_jsonable_python
 
+from firmware_model.config.events import ControllerKill
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
@@ -24,6 +26,9 @@ from gustproof.scoring.requirements import RequirementResult, judge
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Records
 from gustproof.version import software_versions
+
+KillSchedule = tuple[int, float]
+"""Samples flown when the controller is killed, and when a spare one takes over; infinite if none does."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -277,6 +282,16 @@ def first_difference_s(records: Records, others: Records) -> float | None:
     ours, theirs = (np.frombuffer(each[:n].tobytes(), dtype=np.uint64).reshape(n, words) for each in (records, others))
     rows = np.flatnonzero(np.any(ours != theirs, axis=1))
     return float(records["time_us"][rows[0]] * 1e-6) if len(rows) else None
+
+
+def kill_schedule(scenario: Scenario) -> KillSchedule | None:
+    """Return when the script kills the controller; `None` if it does not."""
+    for item in scenario.event:
+        if isinstance(item, ControllerKill):
+            away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
+            restart = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
+            return round(item.at_s * rate_hz), restart
+    return None
 
 
 def flight_name(scenario: Scenario, pilot: str, seed: int) -> str:

@@ -160,6 +160,24 @@ def check_guest(scenario: Scenario) -> None:
         raise ConfigError(f"scenario '{scenario.name}' begins free flight in a tilt that no autopilot holds")
 
 
+def find_build(kind: str, given: Path | None = None) -> Path:
+    """Return the build of an autopilot that a flight will start, before a process is started for it.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    from firmware_model.guest import ardupilot_process, betaflight_process, px4_process  # with all of MAVLink
+
+    finders = {
+        "px4": px4_process.find_build,
+        "ardupilot": ardupilot_process.find_build,
+        "betaflight": betaflight_process.find_binary,
+    }
+    return finders[kind](given)
+
+
 def fly_guest(
     plan: GuestPlan,
     out: Path,
@@ -179,6 +197,7 @@ def fly_guest(
         If the build, the parameters or the scenario can't be flown, or a file exists already.
     """
     check_guest(plan.scenario)
+    find_build(plan.autopilot.kind, Path(plan.autopilot.build) if plan.autopilot.build else None)
     plan = plan._replace(scenario=scenario_for(plan.autopilot.kind, plan.scenario))
     out.mkdir(parents=True, exist_ok=True)
     journal, folder = out / f"{plan.name}.journal", out / f"{plan.name}.autopilot"

@@ -3,12 +3,10 @@
 The protocol cores are those of the two processes; law, scenario and seed give the same bits as over UDP.
 """
 
-import math
 from contextlib import nullcontext
 
 import numpy as np
 
-from firmware_model.config.events import ControllerKill
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.recording.journal import as_records, record_type
@@ -18,23 +16,10 @@ from gustproof.controller.core import Flown
 from gustproof.controller.endpoint import ControllerEndpoint
 from gustproof.entries.stepper import StepError
 from gustproof.law.form import Law
+from gustproof.simulate.flight import kill_schedule
 from gustproof.types import Array, Records
 
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
-
-
-KillSchedule = tuple[int, float]
-"""Samples flown when the controller is killed, and when a spare one takes over; infinite if none does."""
-
-
-def kill_schedule(scenario: Scenario) -> KillSchedule | None:
-    """Return when the script kills the controller; `None` if it does not."""
-    for item in scenario.event:
-        if isinstance(item, ControllerKill):
-            away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
-            restart = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
-            return round(item.at_s * rate_hz), restart
-    return None
 
 
 def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:

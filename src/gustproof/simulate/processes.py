@@ -30,8 +30,7 @@ from gustproof.entries.entry import Pilot
 from gustproof.law.form import Law
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
-from gustproof.simulate.flight import Flight, FlightPlan, by_kind
-from gustproof.simulate.loopback import KillSchedule, kill_schedule
+from gustproof.simulate.flight import Flight, FlightPlan, KillSchedule, by_kind, kill_schedule
 from gustproof.simulate.outcome import FlightOutcome, describe
 from gustproof.simulate.programs import controller_command, describe_start, is_program, refine_outcome
 
@@ -183,7 +182,9 @@ class _ProcessPair:
         self._kill, self._replaced, self._address = kill, False, ""
         self._is_program = is_program(plan.pilot)
         self._is_law = isinstance(plan.pilot, Law)
-        self._controller = controller_command(plan.pilot, files, real_time="--lockstep" not in options)
+        self._controller = controller_command(
+            plan.pilot, files, real_time=plan.real_time, level=not plan.scenario.references
+        )
         self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.mavlink.frames import RejectReason
+from firmware_model.mavlink.reasons import RejectReason
 from gustproof.entries.entry import Entry, EntryKind, Pilot, find_program
 from gustproof.law.form import Law
 from gustproof.simulate.outcome import FlightOutcome
@@ -20,10 +20,11 @@ def is_program(pilot: Pilot) -> bool:
     return isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM
 
 
-def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bool) -> list[str]:
+def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bool, level: bool = False) -> list[str]:
     """Return module and arguments of the Python process that controls; it reads the vehicle's address from its input.
 
-    `files` are those that it reads: law, scenario, and nominal vehicle.
+    `files` are those that it reads: law, scenario, and nominal vehicle. A law that flies `level`, without references,
+    starts sooner, as it needs no scenario.
 
     Raises
     ------
@@ -31,13 +32,14 @@ def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bo
         If the pilot is a program that is not there.
     """
     if isinstance(pilot, Law):
-        flown = ["--law", str(files["law"])]
+        flown = ["--law", str(files["law"]), *([] if level else ["--scenario", str(files["scenario"])])]
     elif pilot.kind is EntryKind.PROGRAM:
         return ["gustproof.controller.guard", *find_program(pilot.source)]
     else:
-        flown = ["--controller", pilot.source, "--vehicle", str(files["nominal"])]
+        read = ["--vehicle", str(files["nominal"]), "--scenario", str(files["scenario"])]
+        flown = ["--controller", pilot.source, *read]
     options = ["--json", "--exit-on-stdin-eof", *(["--real-time"] if real_time else [])]
-    return ["gustproof.controller", *options, *flown, "--scenario", str(files["scenario"]), "--connect", "-"]
+    return ["gustproof.controller", *options, *flown, "--connect", "-"]
 
 
 def describe_start(summary: Mapping[str, Any]) -> str:

@@ -25,11 +25,13 @@ def fly_and_record(
     tlog: bool = False,
     progress: Callable[[float], None] | None = None,
     on_listening: Callable[[int, Path], None] | None = None,
+    on_flown: Callable[[], None] = lambda: None,
 ) -> Flight:
     """Fly a plan over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
-    `progress` and `on_listening` are those of `processes.fly`. With `tlog` the MAVLink traffic is left beside the bag.
-    The journal is removed once its bag is whole, or if it is empty.
+    `progress` and `on_listening` are those of `processes.fly`. `on_flown` is called before the bag is written, which
+    takes a minute for an hour of flight. With `tlog` the MAVLink traffic is left beside the bag. The journal is removed
+    once its bag is whole, or if it is empty.
 
     Raises
     ------
@@ -39,6 +41,7 @@ def fly_and_record(
         If the bag can't be written; the journal stays for `recover`.
     """
     flight = fly_plan(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
+    on_flown()
     return _replace_journal(flight, plan.metadata())
 
 
@@ -49,6 +52,7 @@ def fly_guest_and_record(
     tlog: bool = False,
     progress: Callable[[float], None] | None = None,
     on_listening: Callable[[Path], None] | None = None,
+    on_flown: Callable[[], None] = lambda: None,
 ) -> Flight:
     """Fly a real autopilot and leave its bag in the folder `out`; the rest is as for `fly_and_record`.
 
@@ -60,6 +64,7 @@ def fly_guest_and_record(
         If the bag can't be written; the journal stays for `recover`.
     """
     flight = fly_guest(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
+    on_flown()
     flown = plan._replace(scenario=flight.scenario)
     return _replace_journal(flight, {**flown.metadata(), "autopilot": flight.autopilot})
 

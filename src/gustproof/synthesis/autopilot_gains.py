@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from firmware_model.config.firmware import ardupilot_parameters, px4_parameters
 from firmware_model.config.scenario import Scenario
@@ -52,6 +52,8 @@ _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
 _LARGEST_CORNER = 0.45
 """[-] largest corner of a filter as a share of the rate."""
+_K_STEPS, _K_MOST = 10.0, 5.0
+"""[-] steps of PX4's overall gains in 1, and the largest that it lists."""
 _UNSTABLE = 1e6
 """[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
 _DIGITS, _SLEW_MARGIN = 5, 1e-4
@@ -71,6 +73,8 @@ class _Structure(NamedTuple):
     """[1/s] largest angle P that ground stations take, about each axis."""
     rate_max: tuple[str, str, str]
     """Names of the largest commanded rate [deg/s] about each axis."""
+    rate_most: Mapping[str, float]
+    """[-] largest P and D of the rate loops in the autopilot's own list, above which its overall gain K is raised."""
     fixed: Mapping[str, float]
     """Values of others."""
 
@@ -78,7 +82,17 @@ class _Structure(NamedTuple):
         """Return the structure with the limit of rates that laws have, and filters as fast as samples allow."""
         limit = min(math.degrees(vehicle.stabilizer.rate_limit), 1000.0)
         corners = self.corners[0], _LARGEST_CORNER
-        return self._replace(corners=corners, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
+        return self._replace(corners=corners, rate_most={}, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
+
+    def within_ranges(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the same loops, P and D divided by an overall gain K where they are above `rate_most`, I with them."""
+        found = dict(values)
+        for _, *gains in (names[:4] for names in self.own):
+            excess = max((values[name] / self.rate_most[name] for name in gains if name in self.rate_most), default=0.0)
+            if excess > 1.0:
+                overall = min(math.ceil(_K_STEPS * excess) / _K_STEPS, _K_MOST)
+                found |= {f"{gains[0].removesuffix('P')}K": overall, **{name: values[name] / overall for name in gains}}
+        return found
 
 
 _PX4 = _Structure(
@@ -89,6 +103,7 @@ _PX4 = _Structure(
     corners=(10.0, _LARGEST_CORNER),
     angle_p=(12.0, 12.0, 5.0),
     rate_max=("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"),
+    rate_most={"MC_ROLLRATE_P": 0.5, "MC_ROLLRATE_D": 0.01, "MC_PITCHRATE_P": 0.6, "MC_YAWRATE_P": 0.6},
     fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
                                        for each, value in (("K", 1.0), ("FF", 0.0))}},
 )  # fmt: skip
@@ -101,6 +116,7 @@ _ARDUPILOT = _Structure(
     corners=(5.0, 0.25),
     angle_p=(12.0, 12.0, 12.0),
     rate_max=("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX"),
+    rate_most={},
     fixed={f"ATC_RAT_{axis}_{each}": value for axis in ("RLL", "PIT", "YAW")
            for each, value in (("FLTT", 100.0), ("FLTE", 0.0), ("FF", 0.0), ("SMAX", 0.0), ("IMAX", 1.0))},
 )  # fmt: skip
@@ -118,13 +134,20 @@ class AutopilotTuning:
     law: Law
     """Law that these loops are."""
     rmse: float
-    """[rad] rms attitude error that the autopilot sees, pooled over the axes."""
+    """[rad] rms attitude error, pooled over the axes."""
+    seen_rmse: float
+    """[rad] the same of the attitude that the autopilot sees, which the search minimises."""
     slew: float
     """[N*m/s] rms torque slew, pooled over the axes, with that of rounded outputs."""
     Ms: float
     """[-] largest sensitivity peak of the axes."""
     corner_Ms: float
     """[-] the same at the corners of the vehicle's spreads."""
+
+    def describe_error(self) -> str:
+        """Return the predicted error, the true one first."""
+        own = f"{math.degrees(self.seen_rmse):.3g} deg by its own attitude, without the walk of the gyro's noise"
+        return f"error {math.degrees(self.rmse):.3g} deg ({own})"
 
 
 def tune_gains(
@@ -173,7 +196,8 @@ def tune_gains(
             f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
             f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
         )
-    parameters = {**structure.fixed, **{name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}}
+    written = {name: float(f"{value:.{_DIGITS}g}") for name, value in structure.within_ranges(values).items()}
+    parameters = {**structure.fixed, **written}
     law = autopilot_law(
         kind,
         parameters,
@@ -190,7 +214,8 @@ def tune_gains(
         kind=kind,
         parameters=parameters,
         law=law,
-        rmse=predicted.seen_rmse,
+        rmse=predicted.rmse,
+        seen_rmse=predicted.seen_rmse,
         slew=math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, step, script.dt)),
         Ms=nominal,
         corner_Ms=corner,
@@ -205,9 +230,8 @@ def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
     values |= {name: f"{value:g}" for name, value in tuning.parameters.items()}
     head = [
         f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
-        f"predicted: error {math.degrees(tuning.rmse):.3g} deg as the autopilot sees it, "
-        f"torque slew {tuning.slew:.3g} N m/s,",
-        f"sensitivity peak {tuning.Ms:.3g}, {tuning.corner_Ms:.3g} over the spreads of inertia and lag",
+        f"predicted: {tuning.describe_error()},",
+        f"torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}, {tuning.corner_Ms:.2f} over the file's spreads",
         f"{curve} is not set here: it must make the thrust of your motors linear in the command",
     ]
     write_parameters(values, path, GROUND_STATION_FORMS[tuning.kind], head)

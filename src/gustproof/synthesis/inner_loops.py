@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from firmware_model.config.fields import NonNegative, Positive, strict_dataclass
 from firmware_model.config.files import Name, read_document, validate
@@ -95,7 +95,7 @@ def fit_inner_loop(omega: Matrix, response: ComplexVector, dt: float) -> InnerLo
 
     bounds = ([math.log(0.5), math.log(0.1), 0.0], [math.log(200.0), math.log(20.0), 0.3])
     starts: Sequence[float] = (3.0, 10.0, 30.0)
-    fits = [least_squares(misfit, [math.log(start), 0.0, 0.02], bounds=bounds) for start in starts]
+    fits = [scipy.optimize.least_squares(misfit, [math.log(start), 0.0, 0.02], bounds=bounds) for start in starts]
     x = min(fits, key=lambda fit: float(fit.cost)).x
     distance = float(np.max(np.abs(_response(omega, math.exp(x[0]), math.exp(x[1]), x[2]) - response)))
     if not distance < _WORST_MISFIT:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.certify.certificate import Certificate
 from gustproof.certify.gain.l2_gain import attitude_plant, certify_gain, certify_lft

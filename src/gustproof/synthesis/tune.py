@@ -477,7 +477,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
     own = worst_margins(law, vehicle, scenario)
     later, stronger = max(pid.delay_margin - own.delay_margin, 0.0), max(pid.gain_margin / own.gain_margin, 1.0)
     for number, share in enumerate(_SHARES):
-        task.progress(0.4 + 0.15 * number, f"{share:.0%} of the way to a PID's margins")
+        task.progress(0.4 + 0.15 * number, "trading error for margins")
         delay = scenario.delay_samples + math.floor((own.delay_margin + share * later) / scenario.dt)
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:

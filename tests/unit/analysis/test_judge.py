@@ -200,9 +200,12 @@ def test_the_budget_is_three_deviations_of_the_moment_flown():
     assert 3.0 * np.std(flown, axis=0) == pytest.approx(found, rel=0.15)
 
 
-def test_better_gains_keep_the_price_and_are_sound(judge):
+def test_better_gains_keep_the_price_are_sound_and_no_better_than_themselves(judge, monkeypatch):
     found = judge("D filter far too low", None)
-    again = judge("better", improve(found, PAPER).law)
+    better = improve(found, PAPER)
+    again = judge("better", better.law)
+    monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: better)
+    assert (improve(found, PAPER), improve(again, PAPER)) == (better, None)
     assert again.verdict is Verdict.SOUND
     assert again.seen_rmse_deg < found.seen_rmse_deg
     assert again.slew <= 1.001 * default_slew(PAPER.nominal, AIR)

@@ -98,6 +98,7 @@ def test_the_probability_of_a_tail_is_found(planned, here, known):
     assert document["hits"][0]["value"] == max(hit.value for hit in found.hits) > 4.2649
 
 
+@pytest.mark.compiled
 def test_dispersions_count_too(planned, here, known):
     plan = planned(wanted=GUST, laws=("hinf-d1",), cases=1)
     scales = np.linspace(0.5, 1.5, 2001)

@@ -151,8 +151,16 @@ def test_a_part_that_is_not_whole_is_flown_again(planned, tmp_path):
 
 def test_parts_of_another_campaign_are_refused(planned, tmp_path):
     interrupted(planned(), tmp_path / "mc.parquet")
-    with pytest.raises(ConfigError, match=r"mc\.parquet\.parts: holds parts of another campaign: runs, seed differ"):
+    with pytest.raises(
+        ConfigError, match=r"mc\.parquet\.parts: holds parts of another campaign: runs was 40, seed was 1;"
+    ):
         written(planned(cases=50, seed=2), tmp_path / "mc.parquet")
+
+
+def test_a_campaign_without_a_finished_run_is_begun_anew(planned, tmp_path):
+    with Store(tmp_path / "mc.parquet", planned(cases=50)):
+        pass
+    assert written(planned(), tmp_path / "mc.parquet") == written(planned(), tmp_path / "whole.parquet")
 
 
 def test_two_processes_do_not_fly_one_campaign(planned, tmp_path):

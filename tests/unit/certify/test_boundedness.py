@@ -153,7 +153,7 @@ def kernels(law: Law, axis: int, samples: int, vehicle: Vehicle = VEHICLE) -> tu
         ("pid-fair", (2.2, 2.5, 2.1), (2.36, 2.67, 2.21)),
         ("indi", (1.4, 1.7, 1.55), (1.48, 1.78, 1.63)),
         ("hinf-scheduled", (0.53, 0.58, 0.37), (0.57, 0.62, 0.40)),
-        ("hinf-rates", (0.8, 1.0, 0.9), (0.9, 1.1, 1.02)),
+        pytest.param("hinf-rates", (0.8, 1.0, 0.9), (0.9, 1.1, 1.02), marks=pytest.mark.slow),
     ],
 )
 def test_box_of_the_whole_moment_holds_for_ever(name, least, most):
@@ -216,19 +216,21 @@ def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, no
             (1.542843, 1.611680, 1.226873),
             (0.0334624, 2.801482, 2.751898, 0.292098),
         ),
-        (
+        pytest.param(
             "flagship",
             {"horizon": 60.0, "inertia_spread": 0.2, "lag_spread": 0.3},
             (2.069499, 2.446632, 1.862028),
             (2.632177, 2.998447, 2.517108),
             (0.0521439, 4.631023, 4.414110, 0.545700),
+            marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             "hinf-rates",
             {"horizon": None, "noise": NOISE, "inertia_spread": 0.1, "lag_spread": 0.1},
             (1.223213, 1.474887, 1.390763),
             None,
             (0.0488154, 4.252142, 4.369048, 0.354829),
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -81,6 +81,7 @@ def vehicle_with(old: str, new: str) -> str:
     return VEHICLE.replace(old, new, 1)
 
 
+@pytest.mark.slow
 def test_what_is_forged_below_is_accepted_as_it_was():
     for name in ("flagship", "hinf-scheduled", "pid-fair"):
         assert check(sealed(flight(name)), law=law_text(name), vehicle=VEHICLE).accepted

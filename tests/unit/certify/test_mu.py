@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.certify.mu import singular_value
+from gustproof.certify.mu import scalings, singular_value
 from gustproof.certify.mu.scalings import best_scalings
 from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
 from gustproof.certify.mu.sweep import add_performance_block
@@ -252,3 +252,10 @@ def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():
         wcmargin(ureal("gain", low=0.5, high=1.5) @ gain([[1.0, 1.0]]))
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
         wcmargin(ureal("gain", low=8.5, high=9.5) @ third_order)
+
+
+def test_a_curvature_that_has_no_factor_is_named(monkeypatch):
+    monkeypatch.setattr(scalings.scipy.linalg.lapack, "dposv", lambda _hessian, gradient: (None, gradient, 1))
+    one = np.ones((1, 1, 1), dtype=np.complex128)
+    with pytest.raises(np.linalg.LinAlgError, match="Hessian matrix is not positive definite"):
+        scalings._centre(np.zeros(1), 1.0, [one[0]], [one])

@@ -50,6 +50,14 @@ def test_a_law_without_a_proven_box_has_no_bound():
         certify_rounding(replace(law, C=-law.C, D=-law.D), "paper")
 
 
+@pytest.mark.plain
+def test_differences_by_rounding_that_grow_without_end_are_refused(monkeypatch):
+    one = [[Fraction(1)]]
+    monkeypatch.setattr(single_precision, "_map", lambda _system, _norms, _box, before, *_: [[1 + 2 * before[0][0]]])
+    with pytest.raises(Refusal, match="the differences by rounding do not settle"):
+        single_precision._fixed_point(None, [], one, [], None)
+
+
 def parts(name):
     """Return all that the bound of a law takes."""
     law = load_law(name)

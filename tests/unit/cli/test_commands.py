@@ -4,14 +4,17 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.cli.laws import default_law
 from gustproof.errors import DesignError, FlightError
 from gustproof.law.form import load_law
 from gustproof.recording.bag import read_bag
@@ -19,6 +22,7 @@ from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.synthesis.autopilot_gains import AutopilotTuning
 
 
 def run(*arguments: str):
@@ -114,6 +118,29 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments, words, tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
+def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
+    tuning = AutopilotTuning(
+        kind="px4", parameters={"MC_ROLL_P": 5.0}, law=load_law("flagship"), rmse=0.0015, seen_rmse=0.00085, slew=21.29,
+        Ms=1.399, corner_Ms=2.1,
+    )  # fmt: skip
+    monkeypatch.setattr("gustproof.synthesis.autopilot_gains.tune_gains", lambda *_, **__: tuning)
+    told = "(0.0487 deg by its own attitude, without the walk of the gyro's noise), torque slew 21.3 N m/s, Ms 1.40"
+    result = run("tune", "paper", "--for", "px4")
+    assert result.stdout == f"MC_ROLL_P 5\npredicted: error 0.0859 deg {told}\n"
+    document = json.loads(run("tune", "paper", "--for", "px4", "--json").stdout)
+    assert 0.5 * document["true_rmse_deg"] < document["rmse_deg"] < 0.05
+
+
+def test_without_a_law_it_is_said_that_one_is_tuned(monkeypatch, capsys):
+    tuning = SimpleNamespace(law=load_law("flagship"), Ms=1.4, slew=8.0)
+    monkeypatch.setattr("gustproof.synthesis.tune.tune_law", lambda *_, **__: tuning)
+    asked = load_vehicle_set("iris"), load_scenario("calm")
+    assert default_law(*asked, quiet=False) is tuning.law
+    assert capsys.readouterr().err.startswith("gustproof: no --law: tuning one for 'iris'\ngustproof: flagship tuned")
+    default_law(*asked, quiet=True)
+    assert "no --law" not in capsys.readouterr().err
+
+
 def test_a_scenario_with_an_unknown_key_names_file_and_key(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('description = "x"\nduration_s = 1.0\ndurationn_s = 2.0\n')
@@ -175,6 +202,7 @@ def test_what_nobody_expected_is_not_hidden(monkeypatch):
     assert isinstance(run("design", "D1").exception, ZeroDivisionError)
 
 
+@pytest.mark.slow
 def test_a_design_prints_its_levels_and_leaves_law_and_figure(tmp_path):
     law = tmp_path / "law.json"
     result = run("design", "D1", "--json", "-o", str(law))

@@ -36,6 +36,7 @@ def told(*arguments: str) -> dict[str, Any]:
     return figures
 
 
+@pytest.mark.slow
 def test_a_shaped_law_crosses_where_asked_with_the_margin_told_and_its_flight_is_proven(tmp_path: Path):
     path = tmp_path / "shaped.json"
     figures = told("D2", "--method", "ncfsyn", "--crossover", "15", "-o", str(path))

@@ -10,6 +10,8 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.identification import identify as identification
+from gustproof.identification.identify import identify
 from gustproof.law.form import load_law
 from gustproof.recording.bag import write_bag
 from gustproof.simulate.direct import fly_direct
@@ -93,12 +95,19 @@ def test_the_report_opens_without_a_network(identified):
     assert not any(f'{key}="http' in page for key in ("src", "href"))
 
 
-def test_the_terminal_shows_the_table_and_the_next_step(flight, tmp_path):
+def test_the_terminal_shows_the_table_and_the_next_step(flight, tmp_path, monkeypatch):
+    found = []  # identified once, shown twice
+    monkeypatch.setattr(
+        identification, "identify", lambda log, **_: found[0] if found else found.append(identify(log)) or found[0]
+    )
     result = run(flight[0], "-o", tmp_path / "twin.toml")
     assert result.exit_code == 0
     assert "actuator lag [ms]" in result.stdout
     assert "warning: " in result.stdout
     assert f"next: gustproof tune {tmp_path / 'twin.toml'}" in result.stdout.replace("\n", "")
+    assert "written" not in result.stderr
+    alone = run(flight[0])
+    assert alone.stderr.endswith("gustproof: nothing written: give -o my-quad.toml for the vehicle\n")
 
 
 def test_axes_at_rest_give_the_manoeuvre_and_no_vehicle(tmp_path):

@@ -13,7 +13,9 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.guest.parameter_files import read_parameters
 from gustproof.analysis import judge as judging
 from gustproof.autopilots.models import read_autopilot_law
+from gustproof.cli import judge as command
 from gustproof.cli.app import app
+from gustproof.errors import ConfigError
 from gustproof.logs import read
 from gustproof.logs.flight_log import FlightLog, Signal
 
@@ -28,10 +30,18 @@ def run(*arguments: str):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Search shortly; the proof and the flights of the search have tests of their own."""
+    """Search shortly; the proof and the flights of the search have tests of their own. Return what is judged."""
+    judge, judged = judging.judge_law, []
+
+    def kept(*arguments, **options):
+        judged.append(judge(*arguments, **options))
+        return judged[-1]
+
+    monkeypatch.setattr(judging, "judge_law", kept)
     monkeypatch.setattr(judging, "_FLIGHTS", 100)
     monkeypatch.setattr(judging, "_SEARCH_S", 1.0)
     monkeypatch.setattr(judging, "_prove", lambda *_: (None, "left out"))
+    return judged
 
 
 @pytest.fixture
@@ -41,7 +51,7 @@ def spoilt(tmp_path: Path) -> Path:
     return path
 
 
-def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt):
+def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt, monkeypatch):
     page, better = spoilt.with_suffix(".html"), spoilt.with_name("better.params")
     result = run(str(spoilt), "-o", str(page), "--better", str(better))
     assert result.exit_code == 1, result.stderr
@@ -55,6 +65,8 @@ def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt):
     ):
         assert words in result.stdout
     assert f"{page} is written" in result.stdout
+    assert result.stdout.index("│ verdict") > result.stdout.index("┃ now ") > 0
+    assert result.stderr.startswith("gustproof: no --vehicle given: judged on 'paper'\n")
     assert read_autopilot_law(better, load_vehicle("paper")).law.provenance.parameters["IMU_DGYRO_CUTOFF"] > 10.0
     text = page.read_text(encoding="utf-8")
     for words in (
@@ -69,6 +81,13 @@ def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt):
         assert words in text
     assert "spreads \u2264 " in text
     assert '"kind":"semilog"' in text
+    monkeypatch.setattr(judging, "judge_law", lambda *_, **__: quick[0])
+    monkeypatch.setattr(judging, "improve", lambda *_: None)
+    vain = run(str(spoilt), "--vehicle", "paper", "--better", str(spoilt.with_name("none.params")))
+    assert (vain.exit_code, "Better gains" in vain.stdout) == (2, False)
+    assert "\nno better gains found at this slew and Ms" in vain.stdout
+    assert vain.stderr.endswith("none.params is not written\n")
+    assert "no --vehicle" not in vain.stderr
 
 
 def test_a_sound_law_is_told_as_json(quick):
@@ -85,8 +104,9 @@ def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_
     log = FlightLog(source="flight.ulg", system="px4", gyro=gyro, findings=("no accelerometer",),
                     parameters={name: float(value) for name, value in SPOILT.items()})  # fmt: skip
     monkeypatch.setattr(read, "read_log", lambda _: log)
-    monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: SimpleNamespace(law=judged["law"]))
-    judged = {"law": read_autopilot_law(_tuned(tmp_path), load_vehicle("paper")).law}
+    monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: SimpleNamespace(**judged))
+    law = read_autopilot_law(_tuned(tmp_path), load_vehicle("paper")).law
+    judged = {"law": law, "Ms": 1.4, "slew": 20.0, "rmse": 0.002}
     result = run(str(tmp_path / "flight.ulg"), "--json")
     assert result.exit_code == 1, result.stderr
     told = json.loads(result.stdout)
@@ -109,7 +129,10 @@ def _tuned(folder: Path) -> Path:
         (("nothing",), "no law named 'nothing'"),
         (("nothing.params",), "nothing.params"),
         (("pid-fair", "--air", "coning"), "has no turbulence"),
-        (("hinf-rates",), "commands rates"),
+        (
+            ("hinf-rates",),
+            "law 'hinf-rates' cannot be judged on vehicle 'paper': law 'hinf-rates' commands rates: its loop",
+        ),
         (("flagship", "--moment", "1,2,0"), "must be positive"),
         (("flagship", "-o", "page.txt"), "ends in .html"),
         (("flagship", "--better", "better.params"), "ends in .json"),
@@ -122,3 +145,11 @@ def test_a_mistake_is_one_line(arguments, words):
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.plain
+def test_gains_that_are_not_better_are_not_written(tmp_path):
+    path = tmp_path / "better.params"
+    with pytest.raises(ConfigError, match=r"no better gains were found: .*better\.params is not written"):
+        command._save(None, load_vehicle("paper"), path)
+    assert not path.exists()

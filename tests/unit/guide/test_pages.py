@@ -27,7 +27,7 @@ GUIDE = Path(str(files("gustproof.guide")))
 PAGES = {"README": ROOT / "README.md", **{path.stem: path for path in sorted(GUIDE.glob("*.md"))}}
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
 OTHER_PROGRAMS = {
-    ".venv/bin/pip",
+    "source",
     "gcc",
     "mavproxy.py",
     "pip",

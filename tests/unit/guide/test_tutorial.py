@@ -68,15 +68,15 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     (tmp_path / file.splitlines()[0].removeprefix("# ")).write_text(file, encoding="utf-8")
     told = {line.split()[1]: output for line, output in walk(commands("vehicle")).items()}
     assert list(told) == ["tune", "certify", "fly", "export"]
-    (least,) = re.findall(r"least: ([\d.]+) at this Ms and slew", told["tune"])
-    figures = load_law("my-law.json").provenance.parameters
+    (least,) = re.findall(r"alone: ([\d.]+) at this Ms and slew", told["tune"])
+    figures = load_law("quad-law.json").provenance.parameters
     assert figures["foretold_slew_nm_per_s"] <= 6.9
     assert figures["foretold_rmse_deg"] <= 1.15 * float(least) <= 0.095
     (flown,) = re.findall(r"RMSE +│ ([\d.]+)", told["fly"])
     assert float(flown) <= 0.06
     assert "proven: " in told["certify"]
-    assert "int aided_my_quad_step(" in (tmp_path / "my-law.c").read_text()
-    assert len(list((tmp_path / "my-flight").rglob("*.mcap"))) == 1
+    assert "int aided_my_quad_step(" in (tmp_path / "quad-law.c").read_text()
+    assert len(list((tmp_path / "quad-flight").rglob("*.mcap"))) == 1
 
 
 def test_the_pictures_are_what_the_tool_draws_now(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import gustproof
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import VEHICLES, load_vehicle
 from firmware_model.process import realtime, udp
@@ -36,14 +37,18 @@ from gustproof.analysis import judge as judging
 from gustproof.analysis import placement
 from gustproof.campaign import executors
 from gustproof.certify.certificate import Certificate
+from gustproof.certify.gain import l2_gain
+from gustproof.certify.gain.worst_schedule import worst_schedule
 from gustproof.cli.app import app
 from gustproof.guide import site
 from gustproof.law.form import load_law
 from gustproof.live import live
+from gustproof.report import laws as report_of_laws
 from gustproof.reproduce import run as paper
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import FlightPlan
 from gustproof.synthesis import methods
+from gustproof.synthesis import tune as tuning
 from gustproof.synthesis.mu import musyn
 
 pytestmark = [pytest.mark.compiled, pytest.mark.slow]
@@ -183,6 +188,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(site, "load_pages", cache(site.load_pages))
     patch.setattr(live, "_ABSENCE_S", 0.0)
     patch.setattr(live.LivePage, "wait", lambda _: 0)
+    assert gustproof.process_pool is executors.process_pool  # found once and kept, so before it is replaced
     patch.setattr(executors, "process_pool", pool_here)
     patch.setattr(paper, "load_scenario", lambda name: replace(load_scenario(name), duration_s=1.0))
     patch.setattr(placement, "PEAKS", (1.36,))
@@ -191,6 +197,10 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(musyn, "_ITERATIONS", 1)
     for proof in ("certify_gain", "certify_lft"):  # of a law just designed; `certify` proves on its own
         patch.setattr(methods, proof, lambda *_, **__: NOT_PROVED)
+    patch.setattr(l2_gain, "worst_schedule", partial(worst_schedule, duration=10.0))
+    patch.setattr(tuning, "_SLEWS", (0.5, 2.0))
+    patch.setattr(tuning, "_PEAKS", (1.3, 1.6))
+    patch.setattr(report_of_laws, "_FREQUENCIES", np.geomspace(1.0, 100.0, 50))
     patch.setattr(judging, "_FLIGHTS", 100)
     patch.setattr(judging, "_SEARCH_S", 1.0)
     patch.setattr(judging, "_prove", lambda *_: (None, "left out"))  # as in the tests of judge, beside those of proofs

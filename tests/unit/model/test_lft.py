@@ -6,7 +6,17 @@ import pytest
 
 from gustproof.lti.state_space import Lti, gain
 from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lft import append, as_uncertain, close_loop, connect, star, system_from_matrix, ultidyn, ureal
+from gustproof.model.lft import (
+    Uncertain,
+    append,
+    as_uncertain,
+    close_loop,
+    connect,
+    star,
+    system_from_matrix,
+    ultidyn,
+    ureal,
+)
 from gustproof.model.reduction import simplify
 
 ROUNDING = 1e-12
@@ -43,6 +53,8 @@ def test_parameters_of_one_name_are_one_parameter():
         _ = K + ureal("k", low=1.0, high=2.0)
     with pytest.raises(ValueError, match="block 'F' occurs twice"):
         _ = ultidyn("F") + ultidyn("F")
+    with pytest.raises(ValueError, match="M is 1 x 1, Delta alone needs 2 x 2"):
+        Uncertain(M=gain([[1.0]]), blocks=(*K.blocks, *M.blocks))
 
 
 def test_a_spring_mass_system_resonates_where_it_should():

@@ -12,12 +12,14 @@ from firmware_model.session.latency import Latency
 from gustproof.analysis.law_margins import HoverMargins, hover_margins
 from gustproof.analysis.placement import ErrorLimits, Placement, TradeOffCurve
 from gustproof.law.form import load_law
-from gustproof.report.laws import render_limits
+from gustproof.report.laws import render_limits, render_tuning
 from gustproof.report.terminal import render_flight, save_text
 from gustproof.reproduce.errata import list_choices
 from gustproof.reproduce.paper_tables import render_background, render_comparison, render_paper
 from gustproof.scoring.metrics import Metrics
 from gustproof.simulate.outcome import FlightOutcome
+from gustproof.synthesis.pid.tuning import TuningLimits
+from gustproof.synthesis.tune import Tuning
 
 FIGURES = Metrics(
     peak_deg=1.5, rmse_deg=0.25, peak_roll_deg=1.5, peak_pitch_deg=1.0,
@@ -122,6 +124,25 @@ def test_the_choices_are_read_from_the_files_that_were_flown():
     assert "0.123 s" in told
     assert "7 sample(s)" in told
     assert "rate damping 0.02 / 0.02 / 0.02 1/s; the rotors' drag gives 0.29 / 0.36 / 1.5 1/s" in told
+
+
+@pytest.mark.parametrize(("name", "least"), [("flagship", "least: "), ("aided", "least of laws with gyros alone: ")])
+def test_limits_of_a_tuning_say_which_side_is_kept(name, least):
+    limits = TuningLimits(sensitivity_peak=1.4, slew=20.0, corner_peak=2.38, gain=5.15)
+    tuning = Tuning(
+        kind=name, law=load_law(name), vehicle="paper", scenario="paper-turbulence", limits=limits, Ms=1.4, slew=20.0,
+        rmse=0.001, least_rmse=0.0014, any_Ms_rmse=None, off_nominal_Ms=2.4, phase_margin=0.8, gain_margin=5.12,
+        delay_margin=0.04,
+    )  # fmt: skip
+    text = written(render_tuning(tuning))
+    for words in (
+        f"{least}0.0802 at",
+        "│ ≤ 20 ",
+        "│ ≤ 1.4 ",
+        "│ ≤ 2.38 wanted ",
+        "│ ≥ 5.15 wanted, up to 3 % less taken",
+    ):
+        assert words in text
 
 
 def test_the_limits_of_the_results_are_told():

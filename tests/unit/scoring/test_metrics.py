@@ -44,6 +44,7 @@ def test_a_constant_tilt_is_the_peak_and_rmse_of_its_axis_alone(axis, name):
     assert result.rmse_deg == pytest.approx(30.0 / math.sqrt(3.0), rel=ROUNDING)
 
 
+@pytest.mark.compiled
 def test_settled_peak_leaves_out_the_first_two_seconds() -> None:
     records = flight()
     records["q_NB"][499] = turned(0, math.radians(30.0))[0]

@@ -136,6 +136,7 @@ def test_what_is_outside_at_the_end_never_settles_nor_recovers():
         assert not result.is_met
 
 
+@pytest.mark.compiled
 def test_rho_uses_up_its_room_where_the_flight_leaves_table_ii():
     for phi, theta, p, q, r in np.random.default_rng(2).uniform(-2.0, 2.0, (300, 5)):
         rho = scheduling_parameters((phi, 0.75 * theta, 0.0), (p, q, r))

@@ -89,6 +89,7 @@ def assert_same(scenario, law, many):
         np.testing.assert_array_equal([r.value for r in judged.requirements], [r.value for r in requirements])
 
 
+@pytest.mark.compiled
 def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
     case = Case(vehicle=VEHICLE, seed=3, gust_scale=2.0, initial_attitude_deg=(5.0, -3.0, 120.0))
     flown = fly_direct(case.apply_to(SHORT), LAW, vehicle=VEHICLE, seed=3)

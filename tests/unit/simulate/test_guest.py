@@ -84,7 +84,9 @@ def test_comparison_puts_law_and_autopilot_side_by_side() -> None:
 
 def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PEER_FAULT", "no lockstep")
-    flight = fly_guest_and_record(PLAN, tmp_path)
+    bags: list[bool] = []
+    flight = fly_guest_and_record(PLAN, tmp_path, on_flown=lambda: bags.append(any(tmp_path.glob("**/*.mcap"))))
+    assert bags == [False]
     assert flight.outcome is FlightOutcome.WRONG_BUILD
     assert "without lockstep" in flight.message
     assert flight.bag is not None

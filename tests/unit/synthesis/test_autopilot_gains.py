@@ -16,6 +16,7 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.performance.predict import predict
+from gustproof.synthesis import autopilot_gains
 from gustproof.synthesis.autopilot_gains import AutopilotTuning, corner_vehicles, save_tuning, tune_gains
 
 SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
@@ -36,7 +37,7 @@ def test_limits_are_kept_and_reached(tuning: AutopilotTuning) -> None:
     assert max(tuning.Ms / 1.4, tuning.corner_Ms / (1.5 * 1.4)) == pytest.approx(1.0, rel=1e-2)
     found = predict(tuning.law, VEHICLES.nominal, script)
     assert found is not None
-    assert found.seen_rmse == pytest.approx(tuning.rmse)
+    assert (found.rmse, found.seen_rmse) == pytest.approx((tuning.rmse, tuning.seen_rmse))
     for vehicle in corner_vehicles(VEHICLES):
         assert is_stable_at_hover(tuning.law, vehicle, script)
 
@@ -46,7 +47,7 @@ def test_it_beats_gains_tuned_by_hand_at_their_price() -> None:
     by_hand = predict(autopilot_law("px4", shipped, VEHICLES.nominal).law, VEHICLES.nominal, SCENARIO)
     assert by_hand is not None
     assert by_hand.seen_rmse is not None
-    assert tune_gains("px4", VEHICLES, SCENARIO, slew=by_hand.slew).rmse < 0.85 * by_hand.seen_rmse
+    assert tune_gains("px4", VEHICLES, SCENARIO, slew=by_hand.slew).seen_rmse < 0.85 * by_hand.seen_rmse
 
 
 def price(law: Law, vehicle: Vehicle, script: Scenario) -> float:
@@ -92,7 +93,8 @@ def test_its_file_is_read_as_its_law(tuning: AutopilotTuning, tmp_path: Path) ->
     assert (found.law.A == tuning.law.A).all()
     assert (found.law.D == tuning.law.D).all()
     text = path.read_text()
-    assert f"error {math.degrees(tuning.rmse):.3g} deg" in text
+    own = f"({math.degrees(tuning.seen_rmse):.3g} deg by its own attitude, without the walk of the gyro's noise)"
+    assert f"predicted: error {math.degrees(tuning.rmse):.3g} deg {own}" in text
     if tuning.kind == "px4":
         assert "1\t1\tCA_ROTOR_COUNT\t4\t6\n" in text
         assert "1\t1\tMC_YAW_TQ_CUTOFF\t0\t9\n" in text
@@ -100,6 +102,20 @@ def test_its_file_is_read_as_its_law(tuning: AutopilotTuning, tmp_path: Path) ->
     else:
         assert "FRAME_CLASS,1\n" in text
         assert "\nMOT_THST_EXPO," not in text
+
+
+def test_gains_beyond_px4_s_ranges_are_told_by_an_overall_gain() -> None:
+    own = {f"MC_YAWRATE_{name}": value for name, value in (("P", 1.2145), ("I", 10.0), ("D", 0.0176))}
+    found = autopilot_gains._PX4.within_ranges({**dict.fromkeys(sum(autopilot_gains._PX4.own, ()), 0.003), **own})
+    assert found["MC_YAWRATE_K"] == 2.1
+    assert 0.57 < found["MC_YAWRATE_P"] <= 0.6
+    assert {"MC_ROLLRATE_K", "MC_PITCHRATE_K"}.isdisjoint(found)
+    one, other = (
+        autopilot_law("px4", each, VEHICLES.nominal).law
+        for each in (own, {name: found[name] for name in (*own, "MC_YAWRATE_K")})
+    )
+    assert np.allclose(one.D, other.D, rtol=1e-12)
+    assert np.allclose(one.C, other.C, rtol=1e-12)
 
 
 def test_limits_that_nothing_keeps_are_refused() -> None:

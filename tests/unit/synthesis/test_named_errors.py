@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak
 from gustproof.lti.state_space import Lti, gain
 from gustproof.model.lft import Uncertain
 from gustproof.model.rotational import Envelope
-from gustproof.synthesis import rate_law, weights_search
+from gustproof.synthesis import rate_law, tune, weights_search
 from gustproof.synthesis.coprime import ncfsyn as coprime
 from gustproof.synthesis.coprime.ncfsyn import ncfsyn
 from gustproof.synthesis.derive import derive
@@ -202,6 +203,15 @@ def test_a_rate_law_whose_crossovers_stay_too_fast_is_refused(monkeypatch):
     monkeypatch.setattr(rate_law, "derive", lambda *_design: (None, fast))
     with pytest.raises(DesignError, match="design R1-stock: no weight of the command has the crossovers"):
         rate_law.derive_over(load_design("R1"), InnerLoops(name="stock", roll=loop, pitch=loop, yaw=loop))
+
+
+def test_rate_laws_that_stay_too_sensitive_are_refused(monkeypatch):
+    derived = SimpleNamespace(sampled=SimpleNamespace(input=()))
+    monkeypatch.setattr(tune, "identify_rate_loop", lambda _vehicle: SimpleNamespace(tau=np.array([0.05])))
+    monkeypatch.setattr(tune, "derive", lambda *_design: (None, derived))
+    monkeypatch.setattr(tune, "worst_loop", lambda _axes: SimpleNamespace(Ms=1.5))
+    with pytest.raises(DesignError, match=r"no law of rates has a sensitivity peak of 1\.3 over rate loops of 0\.05 s"):
+        tune.tune_law("hinf-rates", load_vehicle_set("paper"), load_scenario("paper-turbulence"), sensitivity_peak=1.3)
 
 
 def test_a_search_for_weights_without_any_law_is_refused(monkeypatch):

@@ -15,6 +15,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import MomentStep
 from gustproof.law.form import Law, list_laws, load_law
+from gustproof.lti.state_space import Matrix
 from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import Metrics, attitude, measure
 from gustproof.simulate.batch import Case, fly_many
@@ -172,20 +173,26 @@ def kicked(moment: tuple[float, ...]) -> Scenario:
     )
 
 
-def kick(law: Law, cases: list[Case]) -> Iterator[float]:
-    """Yield the largest error [deg] that each kick of .2 s leaves, to 20 N*m about any axis and (M, M, M/2)."""
+def kick(law: Law, cases: list[Case]) -> Iterator[list[float]]:
+    """Yield the errors [deg] that each kick of .2 s leaves, to 20 N*m about any axis and (M, M, M/2)."""
     for direction, size in itertools.product(AXES + CORNERS, (5.0, 10.0, 13.0, 16.0, 18.0, 20.0)):
-        yield max(left_deg(kicked(tuple(size * part for part in direction)), law, cases))
+        yield left_deg(kicked(tuple(size * part for part in direction)), law, cases)
+
+
+@cache
+def kicks(name: str) -> Matrix:
+    """Return the errors [deg] that the kicks leave (kicks, cases): nominal and not, all in one batch at no cost."""
+    return np.array(list(kick(load_law(name), off_nominal())))
 
 
 @pytest.mark.parametrize("name", LEFT_DEG)
 def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
-    assert max(kick(load_law(name), off_nominal()[:8])) <= LEFT_DEG[name]
+    assert np.max(kicks(name)[:, :8]) <= LEFT_DEG[name]
 
 
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "aided"])
 def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
-    assert max(kick(load_law(name), off_nominal()[8:])) <= 5.0
+    assert np.max(kicks(name)[:, 8:]) <= 5.0
 
 
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "hinf-reference"])
@@ -200,7 +207,7 @@ def test_every_step_to_seventy_and_forty_degrees_is_held(name: str) -> None:
 @pytest.mark.parametrize("name", ["flagship", "hinf-scheduled"])
 def test_without_its_limit_a_law_is_knocked_over(name: str) -> None:
     law = replace(load_law(name), rate_limit=None)
-    assert any(left >= 30.0 for left in kick(law, off_nominal()[:8]))
+    assert any(max(left) >= 30.0 for left in kick(law, off_nominal()[:8]))
 
 
 def test_only_the_paper_s_own_torque_laws_have_no_limit_of_the_rate() -> None:

@@ -15,7 +15,7 @@ J. C. Doyle, G. Stein, Multivariable feedback design: concepts for a classical/m
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.autopilots.filters import AxisLoop
 from gustproof.autopilots.settings import LoopSignals

@@ -130,13 +130,13 @@ def _refuse_constant(name: str) -> None:
 
 def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> Proof:
     if law is None or vehicle is None:
-        raise Refusal("a flight's box is proved of its law and vehicle files: give both")
+        raise Refusal("a flight's box is proved of its law and vehicle files: give both (--law, --vehicle)")
     return prove_flight_box(evidence, law, vehicle)
 
 
 def _check_chance(evidence: dict[str, Any], law: str | None, vehicle: str | None, scenario: str | None) -> Proof:
     if law is None or vehicle is None or scenario is None:
-        raise Refusal("a flight's chance is proved of its law, vehicle and scenario files: give all three")
+        raise Refusal("a flight's chance is proved of its three files: give all three (--law, --vehicle, --air)")
     return prove_chance(evidence, law, vehicle, scenario)
 
 

@@ -213,7 +213,7 @@ def _demand(system: LoopSystem, axis: int) -> tuple[Array, float]:
     return demand, -(p + d)
 
 
-def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[float]]:
+def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> tuple[tuple[float, ...], ...]:
     """Return rate, torque, command and angle of an axis, for a unit inertia, after a sample by the same before it.
 
     The exponential series in rational numbers; each entry is the double nearest to it. The angle integrates the rate.
@@ -224,15 +224,20 @@ def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> list[list[f
         If a sample is too long for the series.
     """
     damping, bandwidth = system.damping[axis], Fraction(inverse_lag)
+    if max(damping, bandwidth, Fraction(1)) * system.dt > 4:
+        raise Refusal("a sample is too long for the vehicle's time constants")
+    return _exponential(system.dt, damping, bandwidth)
+
+
+@lru_cache(maxsize=256)  # axes, laws and proofs share those of a vehicle
+def _exponential(dt: Fraction, damping: Fraction, bandwidth: Fraction) -> tuple[tuple[float, ...], ...]:
     one, none = Fraction(1), Fraction(0)
     generator = [[-damping, one, none, none], [none, -bandwidth, bandwidth, none], [none] * 4, [one, none, none, none]]
-    if max(damping, bandwidth, one) * system.dt > 4:
-        raise Refusal("a sample is too long for the vehicle's time constants")
     total = term = identity(4)
     for k in range(1, 64):  # 8^64 / 64! < 2^-103, far below the last bit of every entry
-        term = [[round_up(system.dt * value / k, 256) for value in row] for row in multiply(term, generator)]
+        term = [[round_up(dt * value / k, 256) for value in row] for row in multiply(term, generator)]
         total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
-    return [[float(value) for value in row] for row in total]
+    return tuple(tuple(float(value) for value in row) for row in total)
 
 
 def _add_tails(

@@ -6,8 +6,7 @@ from functools import partial
 
 import clarabel
 import numpy as np
-import scipy.linalg
-import scipy.sparse
+import scipy
 
 from gustproof.lti.state_space import Lti, Matrix
 from gustproof.model.lft import Uncertain

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.certify.check.dissipation import Vertex, sign_product, vertices
 from gustproof.certify.gain.multipliers import add_transpose, balance, basis, least_level, minimize, svec

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from gustproof.lti.state_space import Matrix, gain
@@ -160,19 +160,23 @@ def _signs(blocks: int) -> "itertools.product[tuple[float, ...]]":
 
 def _simulate_forward(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, w: Matrix) -> tuple[Matrix, Matrix]:
     """Return the states (k + 1, n) and outputs (k, p) of the schedule `order` (k,) from rest."""
-    steps, driven = list(A), np.einsum("kij,kj->ki", B[order], w)
-    states = [np.zeros(A.shape[1])]
-    for v, part in zip(order.tolist(), driven, strict=True):
-        states.append(steps[v].dot(states[-1]) + part)
-    x = np.array(states)
+    x = _accumulate(A, order, np.einsum("kij,kj->ki", B[order], w))
     return x, np.einsum("kij,kj->ki", C[order], x[:-1]) + np.einsum("kij,kj->ki", D[order], w)
 
 
 def _simulate_adjoint(A: Matrix, B: Matrix, C: Matrix, D: Matrix, order: Order, z: Matrix) -> tuple[Matrix, Matrix]:
     """Return the adjoint (k, n) of each step's next state and the adjoint's output (k, m)."""
-    steps, read = list(A.transpose(0, 2, 1)), np.einsum("kij,ki->kj", C[order], z)
-    adjoint = [np.zeros(A.shape[1])]
-    for v, part in zip(order[:0:-1].tolist(), read[:0:-1], strict=True):
-        adjoint.append(steps[v].dot(adjoint[-1]) + part)
-    after = np.array(adjoint[::-1])
+    read = np.einsum("kij,ki->kj", C[order], z)
+    after = np.ascontiguousarray(_accumulate(A.transpose(0, 2, 1), order[:0:-1], read[:0:-1])[::-1])
     return after, np.einsum("kij,ki->kj", B[order], after) + np.einsum("kij,ki->kj", D[order], z)
+
+
+def _accumulate(A: Matrix, order: Order, driven: Matrix) -> Matrix:
+    """Return the states (k + 1, n) from rest of the steps A[order[i]], each with an addend of `driven` (k, n)."""
+    steps, x = list(A), np.zeros((len(order) + 1, A.shape[1]))
+    now, *rest = x
+    for v, part, after in zip(order.tolist(), driven, rest, strict=True):
+        steps[v].dot(now, after)
+        after += part
+        now = after
+    return x

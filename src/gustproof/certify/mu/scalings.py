@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
 from gustproof.model.uncertainty import DeltaBlock, RealBlock, columns, rows

@@ -21,7 +21,7 @@ from gustproof.report.html.marks import Mark
 from gustproof.report.html.markup import render_table, render_tile_line, render_tiles
 from gustproof.report.html.page import render_page
 from gustproof.report.html.runs import ReportRun
-from gustproof.report.judgement import COLUMNS, iter_comparison, iter_evidence, iter_margins, title
+from gustproof.report.judgement import COLUMNS, COMPARED, iter_comparison, iter_evidence, iter_margins, title
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.types import Array
@@ -66,7 +66,7 @@ def _render_verdict(found: Judgement, better: Judgement | None, remarks: tuple[s
         parts.append(f"<h3>Advice, each change by itself, predicted</h3>{advice}")
     if better is not None:
         rows = [[escape(name), *map(escape, cells)] for name, cells in iter_comparison(found, better)]
-        table = render_table(["", escape(found.law.name), escape(better.law.name)], rows)
+        table = render_table(COMPARED, rows)
         parts.append(f"<h3>Better gains</h3>{table}")
     parts += [f"<p class='note'>{escape(remark)}</p>" for remark in remarks]
     return f'<section id="verdict">{"".join(parts)}</section>'

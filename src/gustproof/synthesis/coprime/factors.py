@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.errors import DesignError
 from gustproof.lti.bilinear import bilinear_transform

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, series

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.certify.gain.multipliers import basis as symmetric_basis
 from gustproof.certify.gain.multipliers import minimize, svec

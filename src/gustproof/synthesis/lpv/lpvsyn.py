@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 
 import numpy as np
-import scipy.interpolate
-import scipy.linalg
+import scipy
 
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak, hinf_norm

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from gustproof.lti.norms import hinf_norm
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix, gain, series

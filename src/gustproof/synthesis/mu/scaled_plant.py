@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from gustproof.lti.state_space import Lti, Matrix, gain
 from gustproof.model.lft import Uncertain, append, star

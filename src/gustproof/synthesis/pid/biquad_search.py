@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from gustproof.law.form import Matrix
 from gustproof.lti.state_space import Lti

@@ -48,7 +48,7 @@ _STALE = 0.05
 """[-] width of the interval of weights below which an end far from the wanted slew is given up."""
 _STRESS_PEAK, _LAST_PEAK = 10.0, 20.0
 """[-] sensitivity peaks below and near a delay or gain that must be stable: finite at all of them, so none is lost."""
-_GAIN_TOLERANCE = 0.03
+GAIN_TOLERANCE = 0.03
 """[-] share of the largest gain that may be missing: peaks are limited up to nearly that gain."""
 _GAIN_SHARES, _DELAY_SHARES = (0.37, 0.45, 0.55, 0.66, 0.77, 0.88, 0.965), (0.36, 0.64, 0.82, 1.0)
 """[-] of the largest gain and delay, at which the peaks are limited; the margins themselves are tested in the end."""
@@ -239,7 +239,7 @@ def _is_within(model: AxisModel, gains: BiquadGains, found: AxisPerformance, lim
         open_loop(model, biquad_axis(gains, model.inertia, model.plant.dt).controller(model.plant.dt))
     )
     delay = model.delay_samples + margins.delay_margin / model.plant.dt
-    return delay >= limits.delay_samples and margins.gain_margin >= (1.0 - _GAIN_TOLERANCE) * limits.gain
+    return delay >= limits.delay_samples and margins.gain_margin >= (1.0 - GAIN_TOLERANCE) * limits.gain
 
 
 def _starts(bandwidth: float, limits: TuningLimits) -> list[BiquadGains]:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -77,4 +77,6 @@ def _fit_lag(G: ComplexVector) -> float:
     def distance(tau: float) -> float:
         return float(np.sum(np.abs(G - 1.0 / (1.0 + 1j * _OMEGA * tau)) ** 2))
 
-    return float(minimize_scalar(distance, bounds=(1e-3, 2.0), method="bounded", options={"xatol": 1e-6}).x)
+    return float(
+        scipy.optimize.minimize_scalar(distance, bounds=(1e-3, 2.0), method="bounded", options={"xatol": 1e-6}).x
+    )

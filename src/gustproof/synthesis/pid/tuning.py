@@ -10,7 +10,7 @@ from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle

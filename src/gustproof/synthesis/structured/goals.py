@@ -53,6 +53,10 @@ class GainGoal:
     """Filter on all outputs together, such as a differentiator with a lag."""
 
 
+NORM = GainGoal()
+"""The H-infinity norm from w to z: what is minimised unless another goal is given."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensitivityGoal:
     """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_lti, lft
 from gustproof.synthesis.checked_controller import CheckedController
 from gustproof.synthesis.hinf.hinfsyn import hinfsyn
 from gustproof.synthesis.structured.blocks import Structure, full_structure
-from gustproof.synthesis.structured.goals import GainGoal, Goal
+from gustproof.synthesis.structured.goals import NORM, GainGoal, Goal
 from gustproof.synthesis.structured.loop import augment_plant, close_loop, loop_peak
 from gustproof.synthesis.structured.objective import PenaltyFunction, Problem
 from gustproof.synthesis.structured.search import minimize
@@ -26,6 +27,8 @@ _SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
 """[-] sizes of random starts in turn: the best of several local minima may have small or large parameters."""
 _PERTURBATIONS = (1e-3, 1.0)
 """[-] least and largest relative size of the random change to the best parameters before its search is repeated."""
+_LENGTHS, _ALLOWED = (4.0, 2.0, 1.0, 0.5), 1.5
+"""[-] lengths of steps along the last progress, in multiples of it, and the largest relative target there."""
 _LUCK = 3
 """Largest number of restarts as a multiple of those without progress."""
 _SINGULAR = 1e10
@@ -37,8 +40,12 @@ _AGREEMENT = 1e-5
 _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which no other follows."""
 
+_FAR, _WORTH = 1e7, 1e-3
+"""[-] size in balanced units beyond which a static gain has run off, and the relative progress that excuses it."""
+
 _BALANCED, _NEAR = ", balanced", ", near it"
-"""Ends of the names of starts in balanced units, and of starts near the best."""
+_ENDS = "", _BALANCED, ", plain steps"
+"""Ends of the names of starts by metric; `_NEAR` is that of starts near the best."""
 
 Progress = Callable[[float, str], None]
 """Callback for the fraction done [0..1] and a text on the current work."""
@@ -117,7 +124,8 @@ def hinfstruct(
         Tunable blocks; if given, `order` is not used.
     starts
         Number of starts. If `hinfsyn` solves the first model, up to three are its central controllers, reduced. The
-        others are random; they take turns in size, and in units of 1 or those of the plant's balance.
+        others are random; they take turns in size, and in units of 1 or those of the plant's balance. Where none of
+        several agree, a static gain is searched from each in the other units too, and with other first steps.
     seed
         Seed of the random starts.
     soft_goal
@@ -152,7 +160,7 @@ def hinfstruct(
     models = tuple(as_lti(model) for model in P) if isinstance(P, Sequence) else (as_lti(P),)
     structure = full_structure(order, n_meas, n_con, dt=models[0].dt) if structure is None else structure
     check_sizes(models, structure, n_meas, n_con, starts)
-    target = GainGoal() if soft_goal is None else soft_goal
+    target = NORM if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
     return search_problem(problem, starts=starts, seed=seed, progress=progress)
 
@@ -184,61 +192,132 @@ def search_problem(
     return search.result(gamma_opt)
 
 
+class _Metric(NamedTuple):
+    """Units and first steps of a search: where one choice creeps or runs off, another may arrive."""
+
+    problem: Problem
+    objective: PenaltyFunction
+    relative: bool
+    """True if first steps are relative: entries of a static gain, in units of 1, may be of very different sizes."""
+
+
 class _Search:
-    """All starts of one problem in two metrics, and the best parameters found."""
+    """All starts of one problem in two or three metrics, and the parameters found."""
 
     def __init__(self, problem: Problem, rng: np.random.Generator) -> None:
-        # steepest descent depends on the units of the parameters; where one choice creeps, the other may run
-        balanced = replace(problem, unit=problem.balanced_unit())
-        self._metrics = tuple((each, each.objective()) for each in (problem, balanced))
+        self._unit = problem.balanced_unit()
+        balanced = replace(problem, unit=self._unit)
+        first = _Metric(problem, problem.objective(), relative=not problem.structure.order)
+        self._metrics = [first, _Metric(balanced, balanced.objective(), relative=False)]
+        if first.relative and problem.target is NORM and not problem.hard_goals:
+            self._metrics.append(first._replace(relative=False))
         self._rng = rng
+        self._found: list[Matrix] = []
         self.tried: list[Start] = []
-        self.best: Matrix | None = None
+
+    @property
+    def best(self) -> int | None:
+        """Index of the least target so far; `None` if all failed.
+
+        A gain that ran off is at no minimum, and rounding may flatter it: it counts only if all ran off.
+        """
+        finite = [k for k, start in enumerate(self.tried) if np.isfinite(start.target)]
+        kept = [k for k in finite if not self._has_run_off(k)]
+        return min(kept or finite, key=lambda k: self.tried[k].target, default=None)
 
     @property
     def least(self) -> float:
         """The least target so far; infinite if all failed."""
-        return min((start.target for start in self.tried), default=np.inf)
+        return np.inf if self.best is None else self.tried[self.best].target
 
     def run(self, points: list[tuple[str, Matrix]], progress: Progress) -> None:
-        """Search from each of `points`, then near the best until two agree or that helps no longer."""
-        limit = _RESTARTS * len(points)
-        for k, (name, theta) in enumerate(points):
-            progress(k / (len(points) + limit), f"{name}; best so far {self.least:.5g}")
-            self._start(name, theta, balanced=name.endswith(_BALANCED))
-        failed = 0
-        for k in range(_LUCK * limit):
-            if failed == limit or self.best is None or _is_confirmed(self.tried):
-                break
-            winner, before = min(self.tried, key=lambda start: start.target), self.least
-            progress((len(points) + failed) / (len(points) + limit), f"near {winner.name}; best so far {before:.5g}")
-            theta = _perturb(self._metrics[0][1], self.best, self._rng)
-            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", theta, balanced=k % 2 == 1)
-            failed += self.least > (1.0 - _ROUND_GAIN) * before
+        """Search from each of `points`, then near the best until two agree or that helps no longer.
 
-    def _start(self, name: str, theta: Matrix, *, balanced: bool) -> None:
-        problem, objective = self._metrics[balanced]
-        unit = 1.0 if problem.unit is None else problem.unit
-        before = self.least
-        start, scaled = _descend(problem, objective, name, theta / unit)
+        If no two agree, a static gain is first searched from all points, if several, in the other metrics.
+        """
+        rounds = [[int(name.endswith(_BALANCED)) for name, _ in points]]
+        if len(self._metrics) > 2 and len(points) > 1:
+            rounds += [[2] * len(points), [1 - metric for metric in rounds[0]]]
+        limit, total = _RESTARTS * len(points), len(rounds) * len(points)
+        for done, metrics in enumerate(rounds):
+            if self._is_confirmed():
+                break
+            for k, ((name, theta), metric) in enumerate(zip(points, metrics, strict=True), done * len(points)):
+                label = f"{name.removesuffix(_BALANCED)}{_ENDS[metric]}"
+                progress(k / (total + limit), f"{label}; best so far {self.least:.5g}")
+                self._start(label, theta, metric)
+        self._search_near_best(limit, lambda done, text: progress((total + done) / (total + limit), text))
+
+    def _search_near_best(self, limit: int, progress: Callable[[int, str], None]) -> None:
+        """Search near the best until two agree, or `limit` searches made little progress."""
+        failed, last = 0, None
+        for k in range(_LUCK * limit):
+            best = self.best
+            if failed == limit or best is None or self._has_run_off(best) or self._is_confirmed():
+                break
+            winner, before = self.tried[best], self.least
+            progress(failed, f"near {winner.name}; best so far {before:.5g}")
+            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", self._point_near(best, last), k % 2)
+            failed += self.least > (1.0 - _ROUND_GAIN) * before
+            last = best if self.least < before else None
+
+    def _point_near(self, best: int, last: int | None) -> Matrix:
+        """Return parameters near the best; of a gain, further along the step from the best before, the index `last`.
+
+        A search that stopped on a crease often stopped in a valley along it.
+        """
+        objective, theta = self._metrics[0].objective, self._found[best]
+        if last is not None and len(self._metrics) > 2:
+            for length in _LENGTHS:
+                further = theta + length * (theta - self._found[last])
+                if objective.value(further) < _ALLOWED * self.least:
+                    return further
+        return _perturb(objective, theta, self._rng)
+
+    def _start(self, name: str, theta: Matrix, metric: int) -> None:
+        unit = self._unit if metric == 1 else 1.0
+        start, scaled = _descend(self._metrics[metric], name, theta / unit)
         self.tried.append(start)
-        if start.target < before:
-            self.best = scaled * unit
+        self._found.append(scaled * unit)
+
+    def _has_run_off(self, k: int) -> bool:
+        return len(self._metrics) > 2 and bool(np.max(np.abs(self._found[k]) / self._unit) > _FAR)
+
+    def _is_confirmed(self) -> bool:
+        """Return whether two searches agree on the least target, so that no better one is nearby.
+
+        Gains that ran off agree along a valley without end: other metrics may leave it, or find its lower targets.
+        """
+        best = self.best
+        if best is None:
+            return False
+        level = (1.0 + _AGREEMENT) * self.tried[best].target
+        near = [k for k, start in enumerate(self.tried) if start.target <= level]
+        far = [k for k in near if self._has_run_off(k)]
+        least = min((self.tried[k].target for k in far), default=np.inf)
+        return len(near) - len(far) > 1 and least >= (1.0 - _WORTH) * self.tried[best].target
 
     def result(self, gamma_opt: float | None) -> StructResult:
         """Return the best, checked."""
-        assert self.best is not None
-        problem, objective = self._metrics[0]
-        evaluations = sum(each.evaluations for _, each in self._metrics)
-        return replace(
-            _make_result(problem, objective, self.best, tuple(self.tried), gamma_opt), evaluations=evaluations
-        )
+        best = self.best
+        assert best is not None
+        problem, objective, _ = self._metrics[0]
+        limit = np.inf if self._has_run_off(best) else (1.0 - _WORTH) * self.least
+        far = [k for k, start in enumerate(self.tried) if start.target < limit and self._has_run_off(k)]
+        checked = [self._checked_norm(k) for k in far]
+        if min(checked, default=np.inf) < limit:
+            best = far[int(np.argmin(checked))]
+        evaluations = sum(metric.objective.evaluations for metric in self._metrics[:2])
+        found = _make_result(problem, objective, self._found[best], tuple(self.tried), gamma_opt)
+        return replace(found, winner=best, evaluations=evaluations)
 
-
-def _is_confirmed(tried: list[Start]) -> bool:
-    """Return whether two searches agree on the least target, so that no better one is nearby."""
-    targets = sorted(start.target for start in tried)
-    return len(targets) > 1 and targets[1] <= (1.0 + _AGREEMENT) * targets[0]
+    def _checked_norm(self, k: int) -> float:
+        """Return the norm of a gain that ran off, which rounding may have flattered; infinite if it spoilt the loop."""
+        problem, _, _ = self._metrics[0]
+        try:
+            return max(self.tried[k].target, _worst_peak(problem, problem.structure.controller(self._found[k])).gain)
+        except DesignError:
+            return np.inf
 
 
 def check_sizes(models: tuple[Lti, ...], structure: Structure, n_meas: int, n_con: int, starts: int) -> None:
@@ -281,12 +360,9 @@ def _starting_points(problem: Problem, starts: int, seed: int) -> tuple[float | 
     return gamma_opt, found
 
 
-def _descend(problem: Problem, objective: PenaltyFunction, name: str, theta: Matrix) -> tuple[Start, Matrix]:
-    """Return the result of one start: stabilise, then satisfy the hard goals, then minimise.
-
-    The entries of a static gain, in units of 1, may be of very different sizes.
-    """
-    relative = problem.unit is None and not problem.structure.order
+def _descend(metric: _Metric, name: str, theta: Matrix) -> tuple[Start, Matrix]:
+    """Return the result of one start: stabilise, then satisfy the hard goals, then minimise."""
+    problem, objective, relative = metric
     stable = minimize(
         problem.stability(), theta, steps=_STABILIZING_STEPS, stop_below=_STABLE_ABSCISSA, relative=relative
     )
@@ -372,14 +448,18 @@ def _loop_peak(model: Lti, K: Lti) -> Peak:
     return replace(peak, omega=2.0 / K.dt * float(np.arctan(0.5 * peak.omega * K.dt))) if K.dt else peak
 
 
+def _worst_peak(problem: Problem, K: Lti) -> Peak:
+    # where the gain is flat either computation may fall slightly short; both gains are attained, so take the larger
+    peaks = [hinf_norm(lft(model, K)) for model in problem.models]
+    peaks += [_loop_peak(model, K) for model in problem.models]
+    return max(peaks, key=lambda item: item.gain)
+
+
 def _make_result(
     problem: Problem, objective: PenaltyFunction, theta: Matrix, tried: tuple[Start, ...], gamma_opt: float | None
 ) -> StructResult:
     K = problem.structure.controller(theta)
-    # where the gain is flat either computation may fall slightly short; both gains are attained, so take the larger
-    peaks = [hinf_norm(lft(model, K)) for model in problem.models]
-    peaks += [_loop_peak(model, K) for model in problem.models]
-    top = max(peaks, key=lambda item: item.gain)
+    top = _worst_peak(problem, K)
     target, hard = objective.goal_values(theta)
     if not np.isfinite(top.gain):
         raise DesignError("rounding spoilt the controller: its closed loop is unstable")
@@ -394,7 +474,7 @@ def _make_result(
         gamma_opt=gamma_opt,
         blocks=problem.structure.systems(theta),
         theta=theta,
-        winner=int(np.argmin([start.target for start in tried])),
+        winner=0,
         starts=tried,
         evaluations=objective.evaluations,
     )

@@ -12,7 +12,7 @@ from gustproof.lti.state_space import ComplexMatrix, Lti, gain, series
 from gustproof.model.lft import Uncertain, append, close_loop, star
 from gustproof.model.uncertainty import Delta, FullBlock
 from gustproof.synthesis.structured.blocks import Structure, full_structure
-from gustproof.synthesis.structured.goals import GainGoal, Goal
+from gustproof.synthesis.structured.goals import NORM, Goal
 from gustproof.synthesis.structured.hinfstruct import Progress, StructResult, check_sizes, search_problem
 from gustproof.synthesis.structured.objective import Problem
 
@@ -108,7 +108,7 @@ def robust_hinfstruct(
     for k in range(_MOST_ROUNDS):
         text = "" if best is None else f", certified {best[1].upper:.4g}"
         progress(k / _MOST_ROUNDS, f"{len(models)} members{text}")
-        problem = Problem(models=tuple(models), structure=structure, target=GainGoal(), hard_goals=tuple(hard_goals))
+        problem = Problem(models=tuple(models), structure=structure, target=NORM, hard_goals=tuple(hard_goals))
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
         bracket = wcgain(close_loop(P, result.controller), boxes=boxes)
         history.append(bracket.upper)

@@ -133,7 +133,7 @@ SPOILED: dict[str, Callable[[Readings], Readings]] = {
 def motion() -> list[Readings]:
     """Readings of a free flight that turns about all axes, climbs, and drifts with a wind."""
     scenario = load_scenario("shear")
-    scenario = replace(scenario, control_rate_hz=400, physics_rate_hz=1200, translation="free", delay_samples=0)
+    scenario = replace(scenario, control_rate_hz=400, physics_rate_hz=800, translation="free", delay_samples=0)
     world, found = World(load_vehicle("paper"), scenario, 1, lambda _: None), []
     world.begin()
     for sample in range(1000):

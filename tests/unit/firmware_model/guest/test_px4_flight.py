@@ -105,7 +105,7 @@ SPOILED: dict[str, Callable[[Readings], Readings]] = {
 @pytest.fixture(scope="module")
 def motion() -> list[Readings]:
     """Readings of a free flight that turns about all axes and climbs."""
-    scenario = replace(load_scenario("calm"), translation="free")
+    scenario = replace(load_scenario("calm"), translation="free", physics_rate_hz=500)
     world, found = World(load_vehicle("paper"), scenario, 1, lambda _: None), []
     world.begin()
     for sample in range(800):

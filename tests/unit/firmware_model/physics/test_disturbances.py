@@ -237,6 +237,7 @@ def test_a_free_vehicle_drifts_the_way_the_wind_blows_and_faster_higher_up() -> 
     assert high < low < 0.0
 
 
+@pytest.mark.compiled
 def test_a_held_vehicle_leans_the_way_the_wind_blows_in_its_own_axes() -> None:
     step = GustStep(kind="step", amplitude_mps=(3.0, 2.0, 0.0), frame="ned", stop_s=0.5)
     records = fly(replace(QUIET, wind=(step,), duration_s=1.0))

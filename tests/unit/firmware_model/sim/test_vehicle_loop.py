@@ -130,6 +130,7 @@ def test_a_flight_twice_as_long_begins_identically() -> None:
     assert fly(long, LevelFlight())[: short.samples].tobytes() == fly(short, LevelFlight()).tobytes()
 
 
+@pytest.mark.compiled
 def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
     wind = load_scenario("paper").wind
     sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), LevelFlight())
@@ -147,6 +148,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
         VehicleLoop(VEHICLE, QUIET, seed)
 
 
+@pytest.mark.compiled
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
     push = MomentSine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
     loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, interactive=True)

@@ -276,6 +276,7 @@ def test_a_float_is_written_so_that_it_is_read_again():
     assert all(np.float32(single_number(float(value)).removesuffix("f")) == value for value in values)
 
 
+@pytest.mark.compiled
 @needs_compiler
 def test_in_flight_single_precision_stays_as_near_as_proved(tmp_path):
     """A loop of integrators, an hour at a tilt and rates larger than those of the proof's box."""

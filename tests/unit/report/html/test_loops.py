@@ -12,7 +12,7 @@ from gustproof.report.html.runs import read_runs
 @pytest.fixture
 def laws(recorded):
     """Give the laws of one run each, by name."""
-    return lambda *names: collect_laws(read_runs([recorded(name, law=name) for name in names]))
+    return lambda *names: collect_laws(read_runs([recorded(name, law=name, n=2) for name in names]))
 
 
 @pytest.mark.parametrize("name", ["hinf-d1", "hinf-rates", "hinf-d1-noise"])
@@ -34,7 +34,7 @@ def test_a_design_keeps_below_the_bounds_that_its_weights_set(laws, name):
 def test_pid_has_no_weights_and_a_law_that_was_changed_no_longer_has(laws, recorded):
     (pid,) = laws("pid-fair")
     assert pid.design is None
-    (run,) = read_runs([recorded("run", law="hinf-d1")])
+    (run,) = read_runs([recorded("run", law="hinf-d1", n=2)])
     law = load_law("hinf-d1")
     assert collect_laws([run])[0].design is not None
     assert collect_laws([replace(run, law=replace(law, C=1.001 * law.C))])[0].design is None
@@ -52,7 +52,7 @@ def test_sensitivities_are_shown_of_every_torque_loop(laws):
 
 
 def test_a_law_that_flew_twice_is_shown_once(recorded):
-    runs = read_runs([recorded("a"), recorded("b", seed=2)])
+    runs = read_runs([recorded("a", n=2), recorded("b", seed=2, n=2)])
     assert [law.label for law in collect_laws(runs)] == ["hinf-d1, seed 1"]
 
 

@@ -10,15 +10,43 @@ import pytest
 
 from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.report.html import loops
 from gustproof.report.html.page import NumberBlock, render_page
 from gustproof.report.html.runs import read_runs
 from gustproof.report.html.tables import render_headline
 
 
-@pytest.fixture
-def runs(recorded):
+@pytest.fixture(scope="module", autouse=True)
+def _laws_are_analysed_once():
+    """Let pages find the loops of a law and a vehicle once: no test here changes a law."""
+
+    def once(function):
+        found = {}
+
+        def of(law, *others):
+            key = (law.name, *others[:1], *((script.dt, script.delay_samples) for script in others[1:]))
+            if key not in found:
+                found[key] = function(law, *others)
+            return found[key]
+
+        return of
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("hover_loop", "axis_robustness_over_frequency", "_rederive"):
+            patch.setattr(loops, name, once(getattr(loops, name)))
+        yield
+
+
+@pytest.fixture(scope="module")
+def runs(recorded_once):
     rates = np.random.default_rng(1).standard_normal((500, 3))
-    return read_runs([recorded("a", law="pid-fair", omega_B=rates), recorded("b", law="pid-default", omega_B=-rates)])
+    laws = {"pid-fair": rates, "pid-default": -rates}
+    return read_runs([recorded_once(name, law=name, omega_B=values) for name, values in laws.items()])
+
+
+@pytest.fixture(scope="module")
+def page(runs):
+    return render_page(runs)
 
 
 def script(page, name):
@@ -31,8 +59,7 @@ def numbers(page):
     return np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
 
 
-def test_the_curves_in_the_page_are_the_recording_s(runs):
-    page = render_page(runs)
+def test_the_curves_in_the_page_are_the_recording_s(runs, page):
     values, document = numbers(page), json.loads(script(page, "page-data"))
     (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
     for k, chart in enumerate(group["charts"]):
@@ -42,8 +69,8 @@ def test_the_curves_in_the_page_are_the_recording_s(runs):
             assert np.array_equal(values[start : start + length], expected.astype("<f4"))
 
 
-def test_the_same_flights_give_the_same_bytes(runs):
-    assert render_page(runs) == render_page(runs)
+def test_the_same_flights_give_the_same_bytes(runs, page):
+    assert render_page(runs) == page
 
 
 def test_words_of_a_user_are_words_on_the_page(runs):
@@ -56,8 +83,7 @@ def test_words_of_a_user_are_words_on_the_page(runs):
     assert page.count("&lt;/script&gt;") >= 3
 
 
-def test_the_tables_hold_figures_and_margins_of_each_flight(runs):
-    page = render_page(runs)
+def test_the_tables_hold_figures_and_margins_of_each_flight(runs, page):
     assert all(f"{run.law.name}, {run.law.order} states" in page for run in runs)
     assert re.search(r"<td class='num'>1\.36</td>", page)  # pid-fair's sensitivity peak
     assert page.count('scope="col">') == len(runs) + 9
@@ -74,29 +100,28 @@ def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
     assert "Requirements" not in render_page(read_runs([recorded("free", require=())]))
 
 
-def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(runs):
+def test_the_page_says_what_real_time_cost_the_flights_that_were_flown_in_it(runs, page):
     paced = replace(runs[0], timing={"missed": 0, "held": 125, "late_samples": 124, "missed_samples": 3})
-    page = render_page([paced, runs[1]])
     row = r"<th[^>]*>samples late at the law</th><td>124</td><td></td>"
-    assert re.search(row, page)
-    assert "late at the law" not in render_page(runs)
+    assert re.search(row, render_page([paced, runs[1]]))
+    assert "late at the law" not in page
 
 
 def test_what_was_not_flown_to_its_end_is_not_judged(recorded):
     whole = read_runs([recorded("run", require=(Requirement(metric="peak_deg", at_most=1.0),))])[0]
-    cut = replace(whole, records=whole.records[:100])
-    assert '<span class="interval">not judged</span>' in render_page([cut])
-    assert "not held" not in render_page([cut])
+    page = render_page([replace(whole, records=whole.records[:100])])
+    assert '<span class="interval">not judged</span>' in page
+    assert "not held" not in page
 
 
-def test_another_vehicles_law_is_named(runs):
-    assert "was designed for vehicle" not in render_page(runs)
-    page = render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
-    assert escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'") in page
+def test_another_vehicles_law_is_named(runs, page):
+    assert "was designed for vehicle" not in page
+    words = escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'")
+    assert words in render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
 
 
-def test_the_page_names_the_licence_of_what_it_carries(runs):
-    assert "Copyright (c) 2022 Leon Sorokin" in render_page(runs)
+def test_the_page_names_the_licence_of_what_it_carries(page):
+    assert "Copyright (c) 2022 Leon Sorokin" in page
 
 
 def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recorded):

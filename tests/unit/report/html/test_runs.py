@@ -19,15 +19,15 @@ def test_a_run_is_what_its_bag_holds(recorded):
 
 
 def test_a_bag_itself_does_as_well_as_the_folder_around_it(recorded):
-    folder = recorded("run")
+    folder = recorded("run", n=2)
     (bag,) = folder.iterdir()
     assert [run.bag for run in read_runs([folder])] == [bag] == [run.bag for run in read_runs([bag])]
 
 
 def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
-    one, other = recorded("a"), recorded("b", law="pid-fair")
+    one, other = recorded("a", n=2), recorded("b", law="pid-fair", n=2)
     assert [run.label for run in read_runs([one, other])] == ["hinf-d1", "pid-fair"]
-    seeds = [recorded("c", seed=2), recorded("d", seed=3, scenario="calm")]
+    seeds = [recorded("c", seed=2, n=2), recorded("d", seed=3, scenario="calm", n=2)]
     assert [run.label for run in read_runs(seeds)] == ["hinf-d1, coning, seed 2", "hinf-d1, calm, seed 3"]
     assert [run.label for run in read_runs([one, one])] == ["hinf-d1", "hinf-d1 (2)"]
 
@@ -39,7 +39,7 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
         (lambda path, _: [path], "no bag in it"),
         (lambda _, recorded: [recorded("short", n=1)], "1 samples, a report needs at least 2"),
         (
-            lambda _, recorded: [recorded("many")] * (MAX_RUNS + 1),
+            lambda _, recorded: [recorded("many", n=2)] * (MAX_RUNS + 1),
             f"{MAX_RUNS + 1} flights, a report shows at most {MAX_RUNS}",
         ),
     ],
@@ -52,7 +52,7 @@ def test_what_is_no_flight_is_refused_in_one_line(tmp_path, recorded, make, mess
 
 @pytest.mark.parametrize("about", [{}, {"law": 1, "scenario": 2, "vehicle": 3, "seed": 4}])
 def test_a_bag_that_does_not_say_what_was_flown_is_named(tmp_path, recorded, about):
-    (run,) = read_runs([recorded("run")])
+    (run,) = read_runs([recorded("run", n=2)])
     write_bag(tmp_path / "other", run.records, about)
     with pytest.raises(ConfigError, match=re.escape(f"{tmp_path / 'other'}: does not say what was flown")):
         read_runs([tmp_path / "other"])

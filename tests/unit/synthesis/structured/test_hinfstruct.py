@@ -23,8 +23,17 @@ from gustproof.synthesis.structured.blocks import (
     tunable_pid,
     tunable_ss,
 )
-from gustproof.synthesis.structured.goals import GainGoal, NormKind, RollOffGoal, SensitivityGoal, StabilityGoal
-from gustproof.synthesis.structured.hinfstruct import hinfstruct
+from gustproof.synthesis.structured.goals import (
+    NORM,
+    ControllerSizeGoal,
+    GainGoal,
+    NormKind,
+    RollOffGoal,
+    SensitivityGoal,
+    StabilityGoal,
+)
+from gustproof.synthesis.structured.hinfstruct import Start, _Search, hinfstruct
+from gustproof.synthesis.structured.objective import Problem
 
 GOLDEN = json.loads((Path(__file__).parents[3] / "golden" / "compleib.json").read_text(encoding="utf-8"))["plants"]
 NEAR = 1.005
@@ -72,6 +81,19 @@ def test_static_output_feedback_of_compleib_is_as_good_as_known(name):
     closed = control.ss(G.A + B2 @ D_K @ C2, B1, C1 + G.D[:-n_meas, -n_con:] @ D_K @ C2, 0.0)
     assert np.all(closed.poles().real < 0.0)
     assert control.norm(closed, "inf") == pytest.approx(result.gamma, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_gain_that_would_grow_without_end_is_kept_below_1e4():
+    """COMPleib's AC16 is its AC15 with all states measured; the least norm is at infinite gains."""
+    plant = {key: np.array(value, dtype=float) for key, value in GOLDEN["AC15"].items()}
+    B, C = np.hstack([plant["B1"], plant["B"]]), np.vstack([plant["C1"], np.eye(4)])
+    D = np.zeros((10, 6))
+    D[:6, 4:] = plant["D12"]
+    limit = ControllerSizeGoal(limit=1e4)
+    result = hinfstruct(Lti(A=plant["A"], B=B, C=C, D=D), 4, 2, starts=1, hard_goals=[limit])
+    assert np.linalg.norm(result.controller.D, 2) <= 1e4
+    assert result.gamma <= NEAR * 14.8561  # the least found with gains up to 1.6e5
 
 
 @pytest.mark.slow
@@ -229,6 +251,28 @@ def test_progress_is_told_with_each_start_and_python_controls_objects_come_out()
 def test_a_limit_that_cannot_be_kept_is_an_error_that_names_it():
     with pytest.raises(DesignError, match=r"Ms 1\.[0-9]+ of its limit"):
         hinfstruct(roll(), 1, 1, order=1, starts=1, hard_goals=[SensitivityGoal(limit=0.9)])
+
+
+def test_a_gain_that_ran_off_counts_if_it_is_worth_it_or_all_did():
+    P, _, _ = compleib("NN2")
+    problem = Problem(models=(as_lti(P),), structure=full_structure(0, 1, 1), target=NORM, hard_goals=())
+    search = _Search(problem, np.random.default_rng(1))
+
+    def put(*ends: tuple[float, float]) -> None:
+        search.tried = [Start(name="", target=target, failure="") for target, _ in ends]
+        search._found = [np.array([gain]) for _, gain in ends]
+
+    put((2.0, 1e9), (3.0, -1.0), (np.inf, 0.0))
+    assert (search.best, search.least, search._is_confirmed()) == (1, 3.0, False)
+    put((2.0, 1e9), (3.0, -1.0), (3.0, -1.0))  # two agree, but one that ran off is better
+    assert (search.best, search._is_confirmed()) == (1, False)
+    put((2.9999, 1e9), (3.0, -1.0), (3.0, -1.0))
+    assert (search.best, search._is_confirmed()) == (1, True)
+    put((2.0, -1e9), (2.0, -1e9))
+    assert (search.best, search._is_confirmed()) == (0, False)
+    assert search._checked_norm(0) > 2.0
+    put((2.0, 1e9))
+    assert search._checked_norm(0) == np.inf  # unstable
 
 
 def test_white_noise_straight_to_what_is_minimised_is_an_error():

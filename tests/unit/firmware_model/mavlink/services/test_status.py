@@ -48,6 +48,7 @@ def test_no_battery_is_made_up(craft):
     assert not message.onboard_control_sensors_present & wire.MAV_SYS_STATUS_SENSOR_BATTERY
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("cells", [4, 12])
 def test_a_battery_is_told(craft, cells):
     battery = Battery(cells=cells, capacity_ah=0.01, resistance_ohm=0.1, hover_current_a=18.0)
@@ -127,18 +128,23 @@ def test_echo_is_of_what_is_tracked(craft):
 
 
 def test_torque_of_the_vehicle_s_own_loops_is_told_while_a_controller_stands_by(craft):
+    service, attitude = outputs.make_service(craft), wire.MAVLINK_MSG_ID_ATTITUDE_TARGET
     craft.setpoint = TorqueCommand(time_us=4000, torque_B=(0.1, 0.2, 0.3), throttle=None)
     craft.autopilot.armed, craft.autopilot.mode = True, Mode.HOLD
-    assert told(outputs.make_service(craft), wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET).time_usec == 4000
+    assert told(service, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET).time_usec == 4000
     craft.loop.advance(LevelFlight(), Mode.HOLD.value)
     record = craft.loop.advance(LevelFlight(), Mode.HOLD.value)
-    message = told(outputs.make_service(craft), wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET)
+    message = told(service, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET)
     commanded = record.view(record_type(4))["torque_command_B"][0]
     assert any(commanded)
     assert message.controls[:3] == pytest.approx(commanded / load_vehicle("paper").torque_limit, rel=1e-6)
     assert message.time_usec == craft.loop.time_us == 8000
     craft.autopilot.mode = Mode.OFFBOARD
-    assert told(outputs.make_service(craft), wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET).time_usec == 4000
+    assert told(service, wire.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET).time_usec == 4000
+    craft.setpoint = AttitudeTarget(time_us=4000, q_NB=None, omega_B=(0.1, 0.2, 0.3), thrust=0.5)
+    assert told(service, attitude).time_boot_ms == 4
+    craft.autopilot.mode = Mode.HOLD
+    assert told(service, attitude) is None
 
 
 def test_gust_is_told_as_wind_that_blows_toward(craft):
