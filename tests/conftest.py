@@ -10,11 +10,15 @@ gc.disable()  # up to the first test
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Keep from the collector what is imported and collected: to look through it takes 3 s of each process, in vain."""
+    """Keep from the collector what is imported and collected: to look through it takes 3 s of each process, in vain.
+
+    Later it looks seldom: tests make few cycles, and memory is not short.
+    """
     try:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(50_000, 50)
         gc.enable()
 
 
