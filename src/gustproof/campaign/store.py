@@ -41,7 +41,7 @@ class Store:
 
     def __init__(self, output: Path, campaign: Campaign) -> None:
         self._output, self._campaign = output, campaign
-        self.folder = output.with_name(f"{output.name}.parts")
+        self.folder = parts_folder(output)
         """Folder of the parts."""
         if not output.parent.is_dir():
             raise ConfigError(f"{output.parent}: no such folder")
@@ -150,6 +150,11 @@ class Store:
                     self._parts[first] = (count, path)
                 else:  # truncated by a lost disk cache
                     path.unlink()
+
+
+def parts_folder(output: Path) -> Path:
+    """Return the folder in which finished runs wait for the others of a campaign."""
+    return output.with_name(f"{output.name}.parts")
 
 
 def check_same_campaign(theirs: dict[str, Any], ours: dict[str, Any], complaint: str) -> None:

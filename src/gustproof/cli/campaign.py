@@ -309,7 +309,9 @@ def _fly(plan: "Campaign", output: Path, workers: int | None, executor: str | No
 
 
 def _describe_kept(output: Path) -> str:
-    parts = output.with_name(f"{output.name}.parts")
+    from gustproof.campaign.store import parts_folder
+
+    parts = parts_folder(output)
     if not any(parts.glob("*.arrow")):
         return "no run was finished"
     return f"finished runs are in {parts}, and the same command resumes from there"

@@ -140,6 +140,15 @@ def is_positive_definite(M: RationalMatrix) -> bool:
     return True
 
 
+def exponential(F: RationalMatrix, t: Fraction, *, terms: int, bits: int) -> RationalMatrix:
+    """Return the first `terms` of the series of `exp(F t)`, each entry of a term rounded up to `bits`."""
+    total = term = identity(len(F))
+    for k in range(1, terms):
+        term = [[round_up(t * value / k, bits) for value in row] for row in multiply(term, F)]
+        total = add(total, term)
+    return total
+
+
 def round_up(x: Fraction, bits: int = 64) -> Fraction:
     """Return the least multiple of 2^-`bits` that is not below `x`; keeps bounds short."""
     return Fraction(-((-x.numerator << bits) // x.denominator), 1 << bits)

@@ -30,7 +30,7 @@ def fly_and_record(
     """Fly a plan over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
     `progress` and `on_listening` are those of `processes.fly`. `on_flown` is called before the bag is written, which
-    takes a minute for an hour of flight. With `tlog` the MAVLink traffic is left beside the bag. The journal is removed
+    takes seconds for an hour of flight. With `tlog` the MAVLink traffic is left beside the bag. The journal is removed
     once its bag is whole, or if it is empty.
 
     Raises

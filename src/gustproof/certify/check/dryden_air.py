@@ -18,7 +18,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from gustproof.certify.check.system import LoopSystem, Refusal, Row, Rows, finite
-from gustproof.lti.rational import RationalMatrix, identity, multiply, round_up
+from gustproof.lti.rational import RationalMatrix, exponential
 
 _FOOT = 0.3048
 _CEILING = 304.8
@@ -220,12 +220,7 @@ def _exponential(F: Rows, dt: Fraction) -> RationalMatrix:
     """Return `exp(F dt)` within 2^-100."""
     if max(abs(value) for row in F for value in row) * dt * len(F) > 4:
         raise Refusal("a sample is too long for the air's time constants")
-    step = [list(row) for row in F]
-    total = term = identity(len(F))
-    for k in range(1, 80):
-        term = [[round_up(dt * value / k, 160) for value in row] for row in multiply(term, step)]
-        total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
-    return total
+    return exponential([list(row) for row in F], dt, terms=80, bits=160)
 
 
 def _read_noise(vehicle: dict[str, Any], rate: float) -> Fraction:

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.certify.check.system import LoopSystem, Refusal
-from gustproof.lti.rational import identity, multiply, round_up
+from gustproof.lti.rational import exponential
 
 Array = NDArray[np.float64]
 OMEGA, TORQUE, COMMAND, X0, X1 = range(5)
@@ -226,17 +226,14 @@ def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> tuple[tuple
     damping, bandwidth = system.damping[axis], Fraction(inverse_lag)
     if max(damping, bandwidth, Fraction(1)) * system.dt > 4:
         raise Refusal("a sample is too long for the vehicle's time constants")
-    return _exponential(system.dt, damping, bandwidth)
+    return _plant_exponential(system.dt, damping, bandwidth)
 
 
 @lru_cache(maxsize=256)  # axes, laws and proofs share those of a vehicle
-def _exponential(dt: Fraction, damping: Fraction, bandwidth: Fraction) -> tuple[tuple[float, ...], ...]:
+def _plant_exponential(dt: Fraction, damping: Fraction, bandwidth: Fraction) -> tuple[tuple[float, ...], ...]:
     one, none = Fraction(1), Fraction(0)
     generator = [[-damping, one, none, none], [none, -bandwidth, bandwidth, none], [none] * 4, [one, none, none, none]]
-    total = term = identity(4)
-    for k in range(1, 64):  # 8^64 / 64! < 2^-103, far below the last bit of every entry
-        term = [[round_up(dt * value / k, 256) for value in row] for row in multiply(term, generator)]
-        total = [[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(total, term, strict=True)]
+    total = exponential(generator, dt, terms=64, bits=256)  # 8^64 / 64! < 2^-103, far below the last bit of an entry
     return tuple(tuple(float(value) for value in row) for row in total)
 
 
