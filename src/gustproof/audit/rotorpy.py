@@ -44,7 +44,7 @@ class RotorPy(Simulator):
 
     @property
     def airframe(self) -> Airframe:
-        """Its parameters; a command is a share of the largest rotor speed, and thrust goes with its square."""
+        """Vehicle that RotorPy states; a command is a share of the largest rotor speed, thrust goes with its square."""
         given = self._params
         speed = given["rotor_speed_max"]
         hubs = [to_vector(_FLIP * hub) for hub in given["rotor_pos"].values()]

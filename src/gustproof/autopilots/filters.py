@@ -60,7 +60,7 @@ def notch(frequency: float, alpha: float, depth: float, rate: float) -> Biquad:
 
 
 def smoothing(cutoff: float, rate: float) -> float:
-    """Return `alpha` [-] of the first-order low-pass with a corner at `cutoff` [Hz], by the backward rule; 1 at 0."""
+    """Return a new sample's weight [-] in a low-pass with a corner at `cutoff` [Hz], by the backward rule; 1 at 0."""
     return 1.0 / (1.0 + rate / (2.0 * math.pi * cutoff)) if cutoff > 0.0 else 1.0
 
 

@@ -234,7 +234,7 @@ def _check_campaign(campaign: Campaign) -> None:
 def _climb_all(
     metadata: str, event: Threshold, rungs: Sequence[Rung], pool: Pool, shown: Callable[[float], None]
 ) -> list[Climb]:
-    """Return the results of all ensembles, in their order."""
+    """Climb the ladder with each ensemble on the pool; return the results in the order of the ensembles."""
     waiting, running, done = list(range(ENSEMBLES)), dict[Future[Climb], int](), dict[int, Climb]()
     while waiting or running:
         while waiting and len(running) < pool.max_pending:

@@ -70,7 +70,7 @@ def firmware_folder(
 
 
 def save_folder(files: Mapping[str, str], path: Path) -> None:
-    """Write the files to a new folder."""
+    """Write texts to files below the folder `path`, which is made; their keys are the relative paths."""
     for name, text in files.items():
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         write_text(path / name, text)

@@ -300,5 +300,5 @@ def flight_name(scenario: Scenario, pilot: str, seed: int) -> str:
 
 
 def law_name(law: Law | None) -> str:
-    """Return the name of a law in texts and files."""
+    """Return the name of a law in texts and files; `None` stands for a controller of the user's own."""
     return "own-controller" if law is None else law.name

@@ -169,7 +169,7 @@ def _load_scoring(plan: FlightPlan) -> None:
 
 
 class _ProcessPair:
-    """The processes of a flight: vehicle, controller, and a spare one if the script kills that; none at the end."""
+    """Vehicle and controller of a flight, each a process, and a spare controller if the script kills that one."""
 
     def __init__(
         self, files: dict[str, Path], plan: FlightPlan, journal: Path, options: list[str], kill: KillSchedule | None

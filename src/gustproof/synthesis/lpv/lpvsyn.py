@@ -201,7 +201,7 @@ def _speeds(speeds: Sequence[float], count: int) -> Point:
 
 
 def _models(grid: Mapping[Point, LinearSystem], n_meas: int, n_con: int) -> dict[Point, Lti]:
-    """Return the plants by their points, in the order of a product."""
+    """Check the plants of a grid; return them by their points, the last parameter fastest."""
     models = {tuple(float(value) for value in rho): as_continuous(f"the plant at {rho}", P) for rho, P in grid.items()}
     if len(models) < 2 or len({len(rho) for rho in models}) > 1:
         raise ValueError("the grid needs two points or more, of the same parameters")

@@ -245,7 +245,7 @@ class Stability:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Problem:
-    """A structured design problem."""
+    """Least gain of `target` over the controllers of a structure that satisfy the hard goals."""
 
     models: tuple[Lti, ...]
     """Generalised plants, all continuous or all sampled like the structure; the worst counts."""

@@ -47,7 +47,7 @@ class Function(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Minimum:
-    """Result of a search."""
+    """Local minimum that `minimize` found."""
 
     theta: Matrix
     """(size,) parameters."""
