@@ -51,8 +51,9 @@ def test_fault_is_found_by_its_name_alone(fault, found):
 
 
 def test_late_answers_are_found_in_real_time():
-    (finding,) = check("late")
-    assert (finding.name, finding.spell) == ("late", "real time")
+    # On a busy machine the vehicle is late itself; then nobody's answers are judged.
+    found = next(filter(None, (check("late") for _ in range(5))))
+    assert [(finding.name, finding.spell) for finding in found] == [("late", "real time")]
 
 
 def test_sound_client_is_found_sound():
