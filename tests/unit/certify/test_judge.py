@@ -23,6 +23,7 @@ from gustproof.certify.check import (
     estimate_box,
     evidence,
     flight_box,
+    gaussian_loop,
     kernel_norms,
     levelled_box,
     levelled_norms,
@@ -457,6 +458,7 @@ def test_every_term_moves_a_figure(output):
         (levelled_box, {"_TILT": 2.0**-22, "LEAK": 0.0625}),
         (levelled_norms, {"_ULP": 2**-52, "_DIVERGED": 1e30, "_SPARE": 1e-6, "_BLOCK": 1024}),
         (truth_drift, {"_CHUNKS": 32, "_LARGEST": 1, "_ROUNDS": 200, "_ROUNDING": 2.0**-44}),
+        (gaussian_loop, {"_EPS": 2.0**-44, "_MOST_ORDER": 30, "_CHUNKS": 240, "_FAR": 12}),
         (evidence, {"ROUNDING": Fraction(1, 1 << 40), "FORMAT": "gustproof-certificate-1"}),
         (attitude_offset, {"_MOST_LEFT": 1e-3, "_SPARE": 1e-6, "_ULP": 2**-52}),
         (single_precision, {"_U": 2.0**-24, "_EXACT": 2.0**-35, "_FINE": 2.0**-12, "_TINY": 2.0**-110}),
@@ -475,6 +477,8 @@ def test_a_series_has_as_many_terms_as_it_says():
             term *= x / k
             total += term
         assert rational.exp_lower_bound(x) == total
+    above = rational.exp_lower_bound(Fraction(1, 16)) - gaussian_loop._ROOT
+    assert 0 <= above < Fraction(1, 1 << 96)
 
 
 def test_definiteness_of_small_and_odd_matrices():
@@ -698,6 +702,9 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
     refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
     refused({**law, "C": law["C"][:2]}, words="matrices of wrong shapes")
     refused({**law, "G": [row[:2] for row in law["G"]]}, words="matrices of wrong shapes")
+    for name in "ST":
+        for less in (law["rate_limit"][name][:2], [row[:-4] for row in law["rate_limit"][name]]):
+            refused({**law, "rate_limit": {**law["rate_limit"], name: less}}, words="a rate limit of wrong shape")
     for name, i, j in product("ABCDG", (0, 1, 2), (0, 1, 2)):
         if i != j:
             changed = [list(row) for row in law[name]]
