@@ -687,6 +687,15 @@ def test_tails_are_added_in_full_and_refused_if_they_are_large():
             kernel_norms._add_tails(total, square, last, samples, np.full((1, 1), defect), centre, centre, 0.0)
 
 
+def test_each_rounding_of_the_tails_is_upward(monkeypatch):
+    monkeypatch.setattr(kernel_norms, "UP", 2.0)
+    centre, defect = np.ones((1, 2)), 2.0**-20
+    norms = kernel_norms._add_tails(*last_of(0.0), np.full((1, 1), defect), centre, centre, 0.0)
+    wrong = 2.0 * 2.0 * defect
+    finite, left = 2.0 + 2 * wrong, 2.0 * wrong
+    assert norms.entries[0, 0, 0] == pytest.approx(2.0 * (finite + left * 2.0 * finite / (1.0 - left)), rel=1e-12)
+
+
 # -- the system --
 
 
