@@ -37,7 +37,8 @@ _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
 _SITL = Path("build/px4_sitl_default")
 _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
-_BOOTED = b"Startup script returned"
+_BOOTED = b"Startup script returned successfully"
+_BOOT_WORDS = 3  # lines that tell why it did not start: the last one is the script's status alone
 _RECEIVE = 4096  # bytes
 _BANDWIDTH_HZ = 125.0  # of a sample
 _GYRO_NOISE_LEAST = 0.001  # [rad/s] of a sample: PX4's counts
@@ -277,7 +278,8 @@ class Px4:
         return GuestError(GuestOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s")
 
     def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
-        said = self._process.describe_ending("closed its link") if self._process else "is not started"
+        lines = _BOOT_WORDS if outcome is GuestOutcome.WRONG_BUILD else 1
+        said = self._process.describe_ending("closed its link", lines) if self._process else "is not started"
         return GuestError(outcome, f"PX4 {said}")
 
 
