@@ -7,7 +7,7 @@ until PX4 arms. The thread that arms it does not wait for the sample, so that it
 import os
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,8 @@ _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
 _SITL = Path("build/px4_sitl_default")
 _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
-_BOOTED = b"Startup script returned successfully"
+BOOTED = b"Startup script returned successfully"
+"""Last words of its start script."""
 _BOOT_WORDS = 2  # lines that tell why it did not start: the last one is the script's status alone
 _RECEIVE = 4096  # bytes
 _BANDWIDTH_HZ = 125.0  # of a sample
@@ -101,6 +102,57 @@ def find_build(given: Path | None) -> Path:
     raise ConfigError(f"{looked}: no PX4 built for simulation (bin/px4 and etc): give --build, or set PX4_BUILD")
 
 
+def reserve_instance(wanted: int | None = None) -> tuple[socket.socket, int]:
+    """Take the first free instance, or the one that is wanted: no other flight can until the socket is closed.
+
+    Raises
+    ------
+    GuestError
+        If there is none.
+    """
+    for instance in range(_INSTANCES) if wanted is None else [wanted]:
+        server = _listen(_SIMULATOR + instance)
+        if server is None:
+            continue
+        if all(_is_free(port + instance) for port in (_PILOT, *_OTHERS)):
+            return server, instance
+        server.close()
+    which = f"of instance {wanted}" if wanted is not None else "of all instances, the first's"
+    ports = f"TCP {_SIMULATOR + (wanted or 0)}, UDP {_PILOT + (wanted or 0)}"
+    raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
+
+
+def onboard_port(instance: int) -> int:
+    """Return the UDP port of an instance's on-board link."""
+    return _PILOT + instance
+
+
+def write_start_files(folder: Path, parameters: Mapping[str, str], links: Sequence[str] | None) -> None:
+    """Write parameters for PX4's start script, and the lines that start its links in place of its own, if any."""
+    write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
+    if links is not None:
+        (folder / _LINKS_FILE).write_text("\n".join(links) + "\n", encoding="utf-8")
+
+
+def start_px4(build: Path, folder: Path, instance: int, model: str, speed: float | None = None) -> ChildProcess:
+    """Start PX4 in a folder; `speed` is in multiples of real time, for a simulator of its own.
+
+    Raises
+    ------
+    GuestError
+        If it is no program.
+    """
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
+    ours |= {"PX4_SIM_MODEL": model, "PATH": f"{folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
+    if speed is not None:
+        ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
+    command = [str(build / "bin" / "px4"), "-i", str(instance), "-d", str(build / "etc")]
+    try:
+        return ChildProcess(command, folder, ours)
+    except OSError as error:
+        raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+
+
 class Px4:
     """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links.
 
@@ -137,7 +189,7 @@ class Px4:
     @property
     def pilot_port(self) -> int | None:
         """UDP port of PX4's on-board link."""
-        return _PILOT + self.instance
+        return onboard_port(self.instance)
 
     @property
     def is_armed(self) -> bool:
@@ -151,19 +203,12 @@ class Px4:
 
     def start(self, pilot_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""
-        self._reserve()
+        self._server, self.instance = reserve_instance(self._wanted)
         self._folder.mkdir(parents=True)
-        write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "param set {name} {value}")
-        if self.start_lines or not self._real_time:
-            lines = [_LINK.format(port=_PILOT + self.instance), *self.start_lines]
-            (self._folder / _LINKS_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
-        ours |= {"PX4_SIM_MODEL": _MODEL, "PATH": f"{self._folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
-        command = [str(self._build / "bin" / "px4"), "-i", str(self.instance), "-d", str(self._build / "etc")]
-        try:
-            self._process = ChildProcess(command, self._folder, ours)
-        except OSError as error:
-            raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        lines = [_LINK.format(port=onboard_port(self.instance)), *self.start_lines]
+        is_ours = bool(self.start_lines) or not self._real_time
+        write_start_files(self._folder, self._parameters, lines if is_ours else None)
+        self._process = start_px4(self._build, self._folder, self.instance, _MODEL)
         self._process.share_core()
         self._accept()
 
@@ -226,20 +271,6 @@ class Px4:
             raise RuntimeError("PX4 is not started")
         return self._peer
 
-    def _reserve(self) -> None:
-        """Take the first free instance, or the one that is wanted: no other flight can take it until `close`."""
-        for instance in range(_INSTANCES) if self._wanted is None else [self._wanted]:
-            server = _listen(_SIMULATOR + instance)
-            if server is None:
-                continue
-            if all(_is_free(port + instance) for port in (_PILOT, *_OTHERS)):
-                self._server, self.instance = server, instance
-                return
-            server.close()
-        which = f"of instance {self._wanted}" if self._wanted is not None else "of all instances, the first's"
-        ports = f"TCP {_SIMULATOR + (self._wanted or 0)}, UDP {_PILOT + (self._wanted or 0)}"
-        raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
-
     def _accept(self) -> None:
         """Wait for PX4's connection and its heartbeat."""
         server, until_s = self._server, time.monotonic() + _CONNECT_TIMEOUT_S
@@ -262,7 +293,7 @@ class Px4:
     def _wait_for_boot(self) -> None:
         """Wait for the end of PX4's start script, after the first sample: so all modules start at one model time."""
         process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
-        while process is None or not process.has_said(_BOOTED):
+        while process is None or not process.has_said(BOOTED):
             if process is None or process.ending:
                 raise self._ending(GuestOutcome.WRONG_BUILD)
             if time.monotonic() > until_s:
