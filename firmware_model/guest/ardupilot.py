@@ -24,6 +24,7 @@ _FRAMES = {
 _THRUSTS = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in range(1 << 16)]  # by pulse [us]
 # [s/us] The autopilot cuts each difference of stamps to whole microseconds: it must not come out a little less.
 _CLOCK = 1e-6 * (1.0 + 4e-7)
+_FIRST_US = 1  # of its clock: at 0 it reads the machine's clock until the next sample, and no two flights are equal
 # The autopilot reads a value two characters after its name's end and takes the first name that fits, so no space may
 # stand before a value, and `velocity` before every longer name that contains it.
 _ANSWER = (
@@ -93,7 +94,7 @@ def encode_answer(readings: Readings) -> bytes:
     w, x, y, z = readings.q_NB
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return _ANSWER % (
-        readings.time_us * _CLOCK,
+        (readings.time_us + _FIRST_US) * _CLOCK,
         *readings.gyro_B,
         *readings.specific_force_B,
         *position,
