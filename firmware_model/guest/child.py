@@ -75,7 +75,7 @@ class ChildProcess:
 
     def describe_ending(self, gone: str, lines: int = 1) -> str:
         """Return the cause of its end, `gone` if it still runs, and the last lines of its output."""
-        return f"{self.wait_for_ending() or gone}: {self._last_lines(lines) or 'it said nothing'}"
+        return f"{self.wait_for_ending() or gone}; it said last: {self._last_lines(lines) or 'nothing'}"
 
     def close(self) -> None:
         """End it and all processes of its session."""

@@ -216,3 +216,8 @@ def describe_refusals(pilot: Pilot) -> str:
     for command, result in pilot.refusals.items():
         words.append(f"{commands[command].name}: {results[result].name}")
     return "; ".join(words) or "it gave no reason"
+
+
+def quote_last_texts(pilot: Pilot) -> str:
+    """Return the last two texts of a guest that no longer flies; they need not be the cause."""
+    return f"it said last: {'; '.join(list(pilot.texts)[-2:]) or 'nothing'}"

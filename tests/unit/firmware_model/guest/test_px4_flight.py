@@ -145,7 +145,7 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
         ("plus", "wrong_geometry", "a set-point in roll gave torques of"),
         ("exit", "killed", "the peer gives up"),
         ("hang", "hung", "no answer to the sample at 3.5 s in 1 s"),
-        ("disarm", "disarmed", "disarmed in flight"),
+        ("disarm", "disarmed", "it said last: "),
         ("land", "left_mode", "left OFFBOARD for mode"),
         ("silent", "wrong_build", "it did not connect to TCP port"),
         ("script", "wrong_build", "helper: not found; ERROR"),
