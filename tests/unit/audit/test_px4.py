@@ -116,7 +116,10 @@ def test_process_flies_phases_and_is_read_from_its_log(build: Path) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "said"),
-    [("exit", "PX4 ended with status 1: ERROR .init. simulator_sih: not found"), ("log", "PX4 has not logged")],
+    [
+        ("exit", "PX4 ended with status 1; it said last: ERROR .init. simulator_sih: not found"),
+        ("log", "PX4 has not logged"),
+    ],
 )
 def test_process_that_fails_is_one_line(monkeypatch: pytest.MonkeyPatch, build: Path, fault: str, said: str) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
