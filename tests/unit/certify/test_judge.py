@@ -709,6 +709,7 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
     for name in ("two\nlines", "a 'quote'"):
         refused({**law, "name": name}, words="holds no quote")
     refused({**law, "output": "attitude"}, words="commands attitude, the proof is about torque and rates")
+    refused({**law, "schedule": {}}, words="is scheduled on attitude and rates")
     refused({**law, "B": [[*row, 0.0, 0.0] for row in law["B"]]}, words="matrices of wrong shapes")
     refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="matrices of wrong shapes")
     refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
