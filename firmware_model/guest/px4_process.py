@@ -71,14 +71,18 @@ def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px
     Raises
     ------
     ConfigError
-        If there is no build, the parameter file is wrong, or PX4 can't fly at the scenario's rate.
+        If there is no build, or none with a law inside where one is to fly. If the parameter file is wrong, or PX4
+        can't fly at the scenario's rate.
     """
     check_rate("px4", Px4.name, scenario)
     extra = read_parameters(options.params, "px4") if options.params else {}
     # By its default PX4 would trust the compass less than this gyro's drift, and its heading would wander by .1 deg.
     noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
     values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
-    px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    build = find_build(options.build)
+    if options.law and not (build / "bin" / f"px4-{_LAW_INSIDE}").exists():
+        raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
+    px4 = Px4(build, options.folder, values, options.instance, real_time=options.real_time)
     px4.names = tuple(extra)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]

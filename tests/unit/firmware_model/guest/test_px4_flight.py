@@ -192,6 +192,19 @@ def test_program_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "Exec format error" in facts["reason"]
 
 
+def test_build_without_a_law_inside_is_refused(tmp_path: Path) -> None:
+    for folder in ("bin", "etc"):
+        (tmp_path / "build" / folder).mkdir(parents=True)
+    (tmp_path / "build" / "bin" / "px4").write_text("")
+    (tmp_path / "short.toml").write_text(SCRIPT.format(translation="held"))
+    options = GuestOptions(
+        autopilot="px4", build=tmp_path / "build", law="flagship", folder=tmp_path / "run", vehicle="paper",
+        scenario=str(tmp_path / "short.toml"), journal=tmp_path / "flight.journal",
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="no law is built into it"):
+        px4_process.make_px4(options, load_scenario(options.scenario), load_vehicle("paper"))
+
+
 @pytest.mark.parametrize("below", ["", "build/px4_sitl_default"])
 def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below: str) -> None:
     folder = tmp_path / below
