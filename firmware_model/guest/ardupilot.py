@@ -18,12 +18,12 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.readings import Readings
 
-_FRAMES = {
-    (layout := struct.Struct(f"<HHI{outputs}H")).size: (layout, magic) for outputs, magic in ((16, 18458), (32, 29569))
-}
+_MAGIC = {struct.calcsize(f"<HHI{outputs}H"): magic for outputs, magic in ((16, 18458), (32, 29569))}  # by the length
+_FRAME = struct.Struct("<HHI4H")  # magic, rate, count, and the outputs that a quadrotor uses
 _THRUSTS = [min(max((pulse - 1000) / 1000.0, 0.0), 1.0) for pulse in range(1 << 16)]  # by pulse [us]
 # [s/us] The autopilot cuts each difference of stamps to whole microseconds: it must not come out a little less.
 _CLOCK = 1e-6 * (1.0 + 4e-7)
+_FIRST_US = 1  # of its clock: at 0 it reads the machine's clock until the next sample, and no two flights are equal
 # The autopilot reads a value two characters after its name's end and takes the first name that fits, so no space may
 # stand before a value, and `velocity` before every longer name that contains it.
 _ANSWER = (
@@ -63,22 +63,21 @@ class FrameReader:
     """Reads the frames of one autopilot; `outputs` holds the number of each rotor's output, from 0."""
 
     def __init__(self, outputs: tuple[int, ...]) -> None:
-        self._pulses = [3 + output for output in outputs]
+        self._outputs = outputs
         self._count = -1
 
     def read(self, datagram: bytes) -> Frame:
         """Return what a datagram means; never raise."""
-        layout, magic = _FRAMES.get(len(datagram), (None, 0))
-        if layout is None:
+        expected = _MAGIC.get(len(datagram))
+        if expected is None:
             return Frame(FrameKind.FOREIGN)
-        fields = layout.unpack(datagram)
-        if fields[0] != magic:
+        magic, rate_hz, count, *pulses = _FRAME.unpack_from(datagram)
+        if magic != expected:
             return Frame(FrameKind.FOREIGN)
-        count = fields[2]
         if count <= self._count:
             return Frame(FrameKind.REPEATED if count == self._count else FrameKind.RESTARTED)
         self._count = count
-        return Frame(FrameKind.NEW, tuple([_THRUSTS[fields[i]] for i in self._pulses]), fields[1])
+        return Frame(FrameKind.NEW, tuple([_THRUSTS[pulses[output]] for output in self._outputs]), rate_hz)
 
 
 def encode_answer(readings: Readings) -> bytes:
@@ -93,7 +92,7 @@ def encode_answer(readings: Readings) -> bytes:
     w, x, y, z = readings.q_NB
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return _ANSWER % (
-        readings.time_us * _CLOCK,
+        (readings.time_us + _FIRST_US) * _CLOCK,
         *readings.gyro_B,
         *readings.specific_force_B,
         *position,

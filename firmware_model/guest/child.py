@@ -46,10 +46,13 @@ class ChildProcess:
     @property
     def last_words(self) -> str:
         """Last line of its output that has any letters; empty if there is none."""
+        return self._last_lines(1)
+
+    def _last_lines(self, count: int) -> str:
         with self._output.open("rb") as output:
             output.seek(max(self._output.stat().st_size - _TAIL, 0))
             lines = output.read().decode(errors="replace").splitlines()
-        return next((line.strip() for line in reversed(lines) if any(map(str.isalpha, line))), "")
+        return "; ".join([line.strip() for line in lines if any(map(str.isalpha, line))][-count:])
 
     def share_core(self) -> None:
         """Pin it and this process to one core until it ends.
@@ -70,9 +73,9 @@ class ChildProcess:
             self._process.wait(_EXIT_TIMEOUT_S)
         return self.ending
 
-    def describe_ending(self, gone: str) -> str:
-        """Return the cause of its end, `gone` if it still runs, and its last words."""
-        return f"{self.wait_for_ending() or gone}: {self.last_words or 'it said nothing'}"
+    def describe_ending(self, gone: str, lines: int = 1) -> str:
+        """Return the cause of its end, `gone` if it still runs, and the last lines of its output."""
+        return f"{self.wait_for_ending() or gone}; it said last: {self._last_lines(lines) or 'nothing'}"
 
     def close(self) -> None:
         """End it and all processes of its session."""

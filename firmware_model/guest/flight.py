@@ -18,7 +18,7 @@ from firmware_model.config.firmware import hover_fraction
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
-from firmware_model.guest.pilot import PERIOD_US, Estimate, Pilot, describe_refusals
+from firmware_model.guest.pilot import PERIOD_US, Estimate, Pilot, describe_refusals, quote_last_texts
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.world import World
 from firmware_model.numerics.rotations import from_euler, multiply
@@ -241,10 +241,10 @@ class GuestFlight:
         """Name the end of a flight that the guest no longer flies."""
         pilot, (w, x, y, z) = self._pilot, self._readings.q_NB
         if not (pilot.is_armed and self._guest.is_armed):
-            raise GuestError(GuestOutcome.DISARMED, f"disarmed in flight: {describe_refusals(pilot)}")
+            raise GuestError(GuestOutcome.DISARMED, quote_last_texts(pilot))
         if not pilot.is_in_mode:
             left = f"left {self._guest.dialect.mode_name} for mode {pilot.custom_mode}"
-            raise GuestError(GuestOutcome.LEFT_MODE, f"{left}: {describe_refusals(pilot)}")
+            raise GuestError(GuestOutcome.LEFT_MODE, f"{left}; {quote_last_texts(pilot)}")
         if calm and w * w - x * x - y * y + z * z < _OVERTURNED:
             raise GuestError(
                 GuestOutcome.WRONG_GEOMETRY, "overturned in calm air: do its rotors stand as in the vehicle file?"

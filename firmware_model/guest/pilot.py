@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.guest.guest import Dialect
 from firmware_model.mavlink.channel import Channel
-from firmware_model.mavlink.frames import Address, Frame, Message, RejectReason, parse
+from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, command_message
 from firmware_model.types import AttitudeTarget, Quaternion
 
@@ -29,7 +29,7 @@ _ASKS = 3  # requests without an answer until a parameter is unknown
 _SYSTEM, _COMPONENT = 245, wire.MAV_COMP_ID_ONBOARD_COMPUTER
 _STREAMS = (wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 _ATTITUDE = struct.Struct("<I4f")  # both streams begin with stamp [ms] and quaternion
-_ARRAY = 58  # numbers in DEBUG_FLOAT_ARRAY
+_ARRAY = struct.Struct("<QH10s5f")  # DEBUG_FLOAT_ARRAY: stamp [us], id, name, quaternion, thrust; the rest are zeros
 _FOREIGN_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
@@ -161,16 +161,14 @@ class Pilot:
         if not self._dialect.array_name:
             self._send(command_message(target, self._system))
             return
-        numbers = (*(target.q_NB or ()), target.thrust or 0.0)
-        data = [*numbers, *[0.0] * (_ARRAY - len(numbers))]
-        name = self._dialect.array_name.encode()
-        self._send(wire.MAVLink_debug_float_array_message(target.time_us, name, 0, data))
+        fields = target.time_us, 0, self._dialect.array_name.encode(), *(target.q_NB or ()), target.thrust or 0.0
+        self._send(EncodedMessage(wire.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY, _ARRAY.pack(*fields)))
 
     def _command(self, number: int, *parameters: float) -> None:
         numbers = (*map(float, parameters), *[0.0] * 7)[:7]
         self._send(wire.MAVLink_command_long_message(self._system, AUTOPILOT, number, 0, *numbers))
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append(self.channel.pack(message))
 
     def _on_heartbeat(self, frame: Frame) -> None:
@@ -216,3 +214,8 @@ def describe_refusals(pilot: Pilot) -> str:
     for command, result in pilot.refusals.items():
         words.append(f"{commands[command].name}: {results[result].name}")
     return "; ".join(words) or "it gave no reason"
+
+
+def quote_last_texts(pilot: Pilot) -> str:
+    """Return the last two texts of a guest that no longer flies; they need not be the cause."""
+    return f"it said last: {'; '.join(list(pilot.texts)[-2:]) or 'nothing'}"

@@ -7,7 +7,7 @@ until PX4 arms. The thread that arms it does not wait for the sample, so that it
 import os
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,9 @@ _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
 _SITL = Path("build/px4_sitl_default")
 _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
-_BOOTED = b"Startup script returned"
+BOOTED = b"Startup script returned successfully"
+"""Last words of its start script."""
+_BOOT_WORDS = 2  # lines that tell why it did not start: the last one is the script's status alone
 _RECEIVE = 4096  # bytes
 _BANDWIDTH_HZ = 125.0  # of a sample
 _GYRO_NOISE_LEAST = 0.001  # [rad/s] of a sample: PX4's counts
@@ -69,14 +71,18 @@ def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px
     Raises
     ------
     ConfigError
-        If there is no build, the parameter file is wrong, or PX4 can't fly at the scenario's rate.
+        If there is no build, or none with a law inside where one is to fly. If the parameter file is wrong, or PX4
+        can't fly at the scenario's rate.
     """
     check_rate("px4", Px4.name, scenario)
     extra = read_parameters(options.params, "px4") if options.params else {}
     # By its default PX4 would trust the compass less than this gyro's drift, and its heading would wander by .1 deg.
     noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
     values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
-    px4 = Px4(find_build(options.build), options.folder, values, options.instance, real_time=options.real_time)
+    build = find_build(options.build)
+    if options.law and not (build / "bin" / f"px4-{_LAW_INSIDE}").exists():
+        raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
+    px4 = Px4(build, options.folder, values, options.instance, real_time=options.real_time)
     px4.names = tuple(extra)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
@@ -98,6 +104,57 @@ def find_build(given: Path | None) -> Path:
                 return folder.resolve()
     looked = ", ".join(map(str, places))
     raise ConfigError(f"{looked}: no PX4 built for simulation (bin/px4 and etc): give --build, or set PX4_BUILD")
+
+
+def reserve_instance(wanted: int | None = None) -> tuple[socket.socket, int]:
+    """Take the first free instance, or the one that is wanted: no other flight can until the socket is closed.
+
+    Raises
+    ------
+    GuestError
+        If there is none.
+    """
+    for instance in range(_INSTANCES) if wanted is None else [wanted]:
+        server = _listen(_SIMULATOR + instance)
+        if server is None:
+            continue
+        if all(_is_free(port + instance) for port in (_PILOT, *_OTHERS)):
+            return server, instance
+        server.close()
+    which = f"of instance {wanted}" if wanted is not None else "of all instances, the first's"
+    ports = f"TCP {_SIMULATOR + (wanted or 0)}, UDP {_PILOT + (wanted or 0)}"
+    raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
+
+
+def onboard_port(instance: int) -> int:
+    """Return the UDP port of an instance's on-board link."""
+    return _PILOT + instance
+
+
+def write_start_files(folder: Path, parameters: Mapping[str, str], links: Sequence[str] | None) -> None:
+    """Write parameters for PX4's start script, and the lines that start its links in place of its own, if any."""
+    write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
+    if links is not None:
+        (folder / _LINKS_FILE).write_text("\n".join(links) + "\n", encoding="utf-8")
+
+
+def start_px4(build: Path, folder: Path, instance: int, model: str, speed: float | None = None) -> ChildProcess:
+    """Start PX4 in a folder; `speed` is in multiples of real time, for a simulator of its own.
+
+    Raises
+    ------
+    GuestError
+        If it is no program.
+    """
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
+    ours |= {"PX4_SIM_MODEL": model, "PATH": f"{folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
+    if speed is not None:
+        ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
+    command = [str(build / "bin" / "px4"), "-i", str(instance), "-d", str(build / "etc")]
+    try:
+        return ChildProcess(command, folder, ours)
+    except OSError as error:
+        raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
 
 
 class Px4:
@@ -136,7 +193,7 @@ class Px4:
     @property
     def pilot_port(self) -> int | None:
         """UDP port of PX4's on-board link."""
-        return _PILOT + self.instance
+        return onboard_port(self.instance)
 
     @property
     def is_armed(self) -> bool:
@@ -150,19 +207,12 @@ class Px4:
 
     def start(self, pilot_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""
-        self._reserve()
+        self._server, self.instance = reserve_instance(self._wanted)
         self._folder.mkdir(parents=True)
-        write_parameters(self._parameters, self._folder / _PARAMETERS_FILE, "param set {name} {value}")
-        if self.start_lines or not self._real_time:
-            lines = [_LINK.format(port=_PILOT + self.instance), *self.start_lines]
-            (self._folder / _LINKS_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
-        ours |= {"PX4_SIM_MODEL": _MODEL, "PATH": f"{self._folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
-        command = [str(self._build / "bin" / "px4"), "-i", str(self.instance), "-d", str(self._build / "etc")]
-        try:
-            self._process = ChildProcess(command, self._folder, ours)
-        except OSError as error:
-            raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        lines = [_LINK.format(port=onboard_port(self.instance)), *self.start_lines]
+        is_ours = bool(self.start_lines) or not self._real_time
+        write_start_files(self._folder, self._parameters, lines if is_ours else None)
+        self._process = start_px4(self._build, self._folder, self.instance, _MODEL)
         self._process.share_core()
         self._accept()
 
@@ -225,20 +275,6 @@ class Px4:
             raise RuntimeError("PX4 is not started")
         return self._peer
 
-    def _reserve(self) -> None:
-        """Take the first free instance, or the one that is wanted: no other flight can take it until `close`."""
-        for instance in range(_INSTANCES) if self._wanted is None else [self._wanted]:
-            server = _listen(_SIMULATOR + instance)
-            if server is None:
-                continue
-            if all(_is_free(port + instance) for port in (_PILOT, *_OTHERS)):
-                self._server, self.instance = server, instance
-                return
-            server.close()
-        which = f"of instance {self._wanted}" if self._wanted is not None else "of all instances, the first's"
-        ports = f"TCP {_SIMULATOR + (self._wanted or 0)}, UDP {_PILOT + (self._wanted or 0)}"
-        raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
-
     def _accept(self) -> None:
         """Wait for PX4's connection and its heartbeat."""
         server, until_s = self._server, time.monotonic() + _CONNECT_TIMEOUT_S
@@ -261,7 +297,7 @@ class Px4:
     def _wait_for_boot(self) -> None:
         """Wait for the end of PX4's start script, after the first sample: so all modules start at one model time."""
         process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
-        while process is None or not process.has_said(_BOOTED):
+        while process is None or not process.has_said(BOOTED):
             if process is None or process.ending:
                 raise self._ending(GuestOutcome.WRONG_BUILD)
             if time.monotonic() > until_s:
@@ -277,7 +313,8 @@ class Px4:
         return GuestError(GuestOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s")
 
     def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
-        said = self._process.describe_ending("closed its link") if self._process else "is not started"
+        lines = _BOOT_WORDS if outcome is GuestOutcome.WRONG_BUILD else 1
+        said = self._process.describe_ending("closed its link", lines) if self._process else "is not started"
         return GuestError(outcome, f"PX4 {said}")
 
 

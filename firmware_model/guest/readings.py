@@ -1,13 +1,14 @@
 """Readings of all sensors at a sample, with noise: what a guest autopilot gets of the simulated world."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import NAVIGATION_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.recording.journal import FORCE_B, GYRO_B, OMEGA, POSITION, Q_NB, VELOCITY, WIND
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import Quaternion, Vector
 
@@ -18,6 +19,10 @@ Autopilots correct the compass by a table of that model: 3.41 deg east, 63.2 deg
 """
 DECLINATION = math.atan2(FIELD_N[1], FIELD_N[0])
 """[rad] from true to magnetic north."""
+_GYRO, _FORCE, _POSITION, _VELOCITY, _RATES, _WIND = (
+    slice(at, at + 3) for at in (GYRO_B, FORCE_B, POSITION, VELOCITY, OMEGA, WIND)
+)
+_ATTITUDE = slice(Q_NB, Q_NB + 4)
 _LATITUDE = math.radians(ORIGIN_DEG[0])
 EARTH_RATE_N = (7.2921e-5 * math.cos(_LATITUDE), 0.0, -7.2921e-5 * math.sin(_LATITUDE))
 """[rad/s] N, turn of the earth at the origin (IERS): a gyro measures it, and estimators subtract it."""
@@ -60,15 +65,14 @@ class Readings(NamedTuple):
 
 def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
     """Return the readings at a loop's sample; `time_us` [us] is the world's clock."""
-    imu = loop.observe()
-    position, velocity = loop.true_vector("position_N"), loop.true_vector("velocity_N")
-    q_NB = loop.q_NB
-    gyro, field, air, fix, speed = _measure(imu.gyro_B, position, velocity, q_NB, seed, loop.sample)
+    record: Any = loop.record()
+    position, velocity, q_NB = record[_POSITION], record[_VELOCITY], record[_ATTITUDE]
+    gyro, field, air, fix, speed = _measure(record[_GYRO], position, velocity, q_NB, seed, loop.sample)
     pressure, temperature = air
     return Readings(
         time_us=time_us,
         gyro_B=gyro,
-        specific_force_B=imu.specific_force_B,
+        specific_force_B=record[_FORCE],
         field_B=field,
         pressure=pressure,
         temperature=temperature,
@@ -77,8 +81,8 @@ def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
         position_N=position,
         velocity_N=velocity,
         q_NB=q_NB,
-        omega_B=loop.true_vector("omega_B"),
-        wind_N=loop.true_vector("wind_N"),
+        omega_B=record[_RATES],
+        wind_N=record[_WIND],
     )
 
 

@@ -21,6 +21,7 @@ from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import RotorCommand
 
 _PREPARING_SEED = 1 << 31  # noise before a flight is not that of the flight
+_OFFBOARD = Mode.OFFBOARD.value
 _ROTORS_OFF = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -34,12 +35,8 @@ class World:
     def __init__(
         self, vehicle: Vehicle, scenario: Scenario, seed: int, record: Callable[[NDArray[np.float64]], None]
     ) -> None:
-        self._vehicle, self._script, self._seed, self._record = (
-            vehicle,
-            replace(scenario, delay_samples=0),
-            seed,
-            record,
-        )
+        self._vehicle, self._seed, self._record = vehicle, seed, record
+        self._script = replace(scenario, delay_samples=0)
         calm = replace(
             load_scenario("calm"),
             translation=scenario.translation,
@@ -100,7 +97,7 @@ class World:
         """Step to the next sample with the answer that acts now."""
         time_us, rotors = self._answers.popleft()
         command = RotorCommand(time_us - self._started_us, rotors, self._clamped)
-        self._last = self.loop.advance(command, Mode.OFFBOARD.value)
+        self._last = self.loop.advance(command, _OFFBOARD)
         self._readings = None
         if self.flying:
             self._record(self._last)

@@ -63,7 +63,7 @@ def load_step(vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
 
 def _advance_unobserved(loop: "VehicleLoop") -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # ends with the process that waits for it
-    loop._imu = ImuSample(time_us=0, gyro_B=(0.0, 0.0, 0.0), specific_force_B=(0.0, 0.0, 0.0))
+    loop._measured = True
     loop.advance(LevelFlight(), Mode.STABILIZED.value)
 
 
@@ -87,6 +87,7 @@ class VehicleLoop:
         self._record = np.full(record.itemsize // 8, math.nan)
         self._fields = self._record.view(record)[0]
         self._imu: ImuSample | None = None
+        self._measured = False
         self._pending: deque[tuple[Array, int | None]] = deque([(_TRIM, None)] * scenario.delay_samples)
         self.sample = 0
         self.time_us = 0
@@ -99,10 +100,8 @@ class VehicleLoop:
     def observe(self) -> ImuSample:
         """Return the measurements at this sample; the same object until `advance`."""
         if self._imu is None:
-            x = self._state
-            sample, sample_us, record = self.sample, self._sample_us, self._record
-            step.observe(x.params, x.state, x.waves, x.replay, x.changes, x.mix, sample, sample_us, record)
-            p, q, r, f_x, f_y, f_z = record[_IMU].tolist()
+            self._measure()
+            p, q, r, f_x, f_y, f_z = self._record[_IMU].tolist()
             self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
         return self._imu
 
@@ -115,10 +114,10 @@ class VehicleLoop:
         The recorded age is that of the acting command by its stamp, `delay_samples` if it came in time. It counts whole
         samples, so the whole milliseconds of an attitude target's stamp do not show.
         """
-        self.observe()
+        self._measure()
         row = self._pack_rotors(setpoint) if isinstance(setpoint, RotorCommand) else pack_setpoint(setpoint)
-        stamp_us = setpoint.time_us if isinstance(setpoint, (TorqueCommand, AttitudeTarget, RotorCommand)) else None
-        if isinstance(setpoint, (TorqueCommand, AttitudeTarget, RotorCommand, Trim)):
+        stamp_us = setpoint.time_us if isinstance(setpoint, (RotorCommand, TorqueCommand, AttitudeTarget)) else None
+        if stamp_us is not None or isinstance(setpoint, Trim):
             self._pending.append((row, stamp_us))
             row, stamp_us = self._pending.popleft()
             self._clamped = isinstance(setpoint, RotorCommand) and setpoint.clamped
@@ -131,7 +130,7 @@ class VehicleLoop:
         self._record[_MODE] = mode
         self.sample += 1
         self.time_us += self._sample_us
-        self._imu = None
+        self._imu, self._measured = None, False
         return self._record
 
     @property
@@ -149,7 +148,7 @@ class VehicleLoop:
     @property
     def on_ground(self) -> bool:
         """True if the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
-        self.observe()
+        self._measure()
         return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
 
     @property
@@ -157,7 +156,7 @@ class VehicleLoop:
         """Battery at the sample; `None` if there is none, or on the stand, where none is used."""
         if self._battery is None:
             return None
-        self.observe()
+        self._measure()
         used, current, voltage, _ = BatteryState(*self._state.state[X_BATTERY:].tolist())
         used_ah = used / 3600.0
         return BatteryReading(self._battery.cells, voltage, current, used_ah, 1.0 - used_ah / self._battery.capacity_ah)
@@ -200,14 +199,28 @@ class VehicleLoop:
         """Change gains and limits of the on-board height and position loops."""
         self._state.set_position_loop(gains)
 
+    def record(self) -> tuple[float, ...]:
+        """Return the numbers of the journal's record at the sample: truth, inputs and measurements."""
+        self._measure()
+        return tuple(self._record.tolist())
+
     def true_vector(self, name: str) -> Vector:
         """Return a vector of the journal's record at the sample by its name, such as `omega_B` or `gust_B`."""
         a, b, c = self._fields[name].tolist()
         return a, b, c
 
+    def _measure(self) -> None:
+        if not self._measured:
+            x, self._measured = self._state, True
+            step.observe(
+                x.params, x.state, x.waves, x.replay, x.changes, x.mix, self.sample, self._sample_us, self._record
+            )
+
     def _pack_rotors(self, command: RotorCommand) -> Array:
-        wrench = self._wrench @ command.rotors
-        return np.array((inner_loop.WRENCH, *wrench, command.clamped, 0.0, 0.0, 0.0))
+        row = np.zeros(inner_loop.SETPOINT_WIDTH)
+        row[0], row[inner_loop.CLAMPED] = inner_loop.WRENCH, command.clamped
+        np.dot(self._wrench, command.rotors, out=row[1:5])
+        return row
 
 
 def pack_setpoint(setpoint: Setpoint) -> Array:

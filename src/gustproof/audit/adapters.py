@@ -6,6 +6,7 @@ from pathlib import Path
 from firmware_model.errors import ConfigError
 from gustproof.audit.ardupilot import ArduPilotQuad
 from gustproof.audit.own import OwnSimulator
+from gustproof.audit.px4 import Px4Sih
 from gustproof.audit.rotorpy import load_rotorpy
 from gustproof.audit.simulator import Simulator
 
@@ -27,11 +28,12 @@ def load_simulator(name: str, build: Path | None = None) -> Simulator:
     if name == "ardupilot":
         return ArduPilotQuad(build)
     if name == "px4":
-        why = "has no wind, and nothing outside of it can command its rotors or choose its state"
-        raise ConfigError(f"audit px4: its own simulator, SIH, {why}: no test of the audit can be run")
+        return Px4Sih(build)
     path = Path(name)
     if path.suffix != ".py":
-        raise ConfigError(f"audit '{name}': must be own, rotorpy, ardupilot or a Python file with make_simulator()")
+        raise ConfigError(
+            f"audit '{name}': must be own, rotorpy, ardupilot, px4 or a Python file with make_simulator()"
+        )
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
     return _load_file(path)

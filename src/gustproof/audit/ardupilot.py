@@ -4,10 +4,8 @@ Its mixer stands between a pilot and the rotors, so nothing is reachable that ne
 turbulence from a generator that it does not seed from outside, and tells no wind at the vehicle.
 """
 
-import contextlib
 import math
 import os
-import socket
 import time
 from collections.abc import Callable
 from functools import partial
@@ -20,6 +18,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot_process import find_build, place_and_links
 from firmware_model.guest.child import ChildProcess
+from gustproof.audit.link import AutopilotLink, encode_command
 from gustproof.audit.simulator import Air, Motion, NotReachable, Simulator
 from gustproof.audit.turbulence import expected_turbulence
 
@@ -57,9 +56,7 @@ class ArduPilotQuad(Simulator):
         self._program, self._dt = find_build(build), 0.0
         self._folder: TemporaryDirectory[str] | None = None
         self._process: ChildProcess | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._mav: Any = None
-        self._address: Any = None
+        self._link = AutopilotLink()
         self._heard: dict[str, Any] = {}
         self._states: list[Any] = []
         self._said_s = 0.0
@@ -88,15 +85,12 @@ class ArduPilotQuad(Simulator):
             self._process.close()
         if self._folder is not None:
             self._folder.cleanup()
-        self._socket.close()
-        self._process = self._folder = self._address = None
+        self._link.close()
+        self._process = self._folder = None
 
     def _start(self, dt: float) -> None:
         self._dt, self._folder = dt, TemporaryDirectory()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(0.2)
-        self._mav = wire.MAVLink(None, 255, 190)
+        self._link = AutopilotLink()
         self._heard.clear()
         folder = Path(self._folder.name)
         rate = round(1.0 / dt)
@@ -111,12 +105,12 @@ class ArduPilotQuad(Simulator):
             str(_SPEEDUP),
             "--defaults",
             "audit.parm",
-            *place_and_links(self._socket.getsockname()[1]),
+            *place_and_links(self._link.port),
         ]
         self._process = ChildProcess(command, folder, os.environ)
         self._wait(lambda: "HEARTBEAT" in self._heard, "heartbeat")
-        self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, wire.MAVLINK_MSG_ID_SIM_STATE, _PERIOD_US)
-        self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED, _PERIOD_US)
+        for stream in (wire.MAVLINK_MSG_ID_SIM_STATE, wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
+            self._link.send(encode_command(1, wire.MAV_CMD_SET_MESSAGE_INTERVAL, stream, _PERIOD_US))
         self._ask(wire.MAV_CMD_DO_SET_MODE, lambda: self._mode == _GUIDED, "GUIDED", 1, _GUIDED)
         self._ask(wire.MAV_CMD_COMPONENT_ARM_DISARM, lambda: self._armed, "arming", 1)
         self._ask(wire.MAV_CMD_NAV_TAKEOFF, lambda: self._height > 0.9 * _HEIGHT, "take-off", 0, 0, 0, 0, 0, 0, _HEIGHT)
@@ -124,10 +118,10 @@ class ArduPilotQuad(Simulator):
     def _come_to_rest(self) -> None:
         self._ask(wire.MAV_CMD_DO_SET_MODE, lambda: self._mode == _GUIDED, "GUIDED", 1, _GUIDED)
         here = self._heard["LOCAL_POSITION_NED"]
-        target = self._mav.set_position_target_local_ned_encode(
+        target = wire.MAVLink_set_position_target_local_ned_message(
             0, 1, 1, wire.MAV_FRAME_LOCAL_NED, 0xDF8, here.x, here.y, -_HEIGHT, 0, 0, 0, 0, 0, 0, 0, 0
         )
-        self._send(target)
+        self._link.send(target)
         still = 0
 
         def is_at_rest() -> bool:
@@ -152,7 +146,7 @@ class ArduPilotQuad(Simulator):
         }
         for name, value in values.items():
             self._states.clear()
-            setting = self._mav.param_set_encode(1, 1, name.encode(), value, wire.MAV_PARAM_TYPE_REAL32)
+            setting = wire.MAVLink_param_set_message(1, 1, name.encode(), value, wire.MAV_PARAM_TYPE_REAL32)
             self._wait(partial(self._is_set, name, value), name, setting)
 
     def _is_set(self, name: str, value: float) -> bool:
@@ -173,16 +167,7 @@ class ArduPilotQuad(Simulator):
         return 0.0 if place is None else -float(place.z)
 
     def _ask(self, command: int, done: Callable[[], bool], goal: str, *parameters: float) -> None:
-        numbers = (*map(float, parameters), *[0.0] * 7)[:7]
-        self._wait(done, goal, self._mav.command_long_encode(1, 1, command, 0, *numbers))
-
-    def _command(self, command: int, *parameters: float) -> None:
-        numbers = (*map(float, parameters), *[0.0] * 7)[:7]
-        self._send(self._mav.command_long_encode(1, 1, command, 0, *numbers))
-
-    def _send(self, message: Any) -> None:
-        if self._address is not None:
-            self._socket.sendto(message.pack(self._mav), self._address)
+        self._wait(done, goal, encode_command(1, command, *parameters))
 
     def _wait(self, done: Callable[[], bool], goal: str, asking: Any = None) -> None:
         """Listen until a goal is reached, asking for it twice a second and keeping the sticks centred."""
@@ -196,21 +181,19 @@ class ArduPilotQuad(Simulator):
                 raise ConfigError(f"audit ardupilot: no {goal} in {_TIMEOUT_S:g} s{said}")
             if now_s > self._said_s + 0.5:
                 self._said_s = now_s
-                self._send(self._mav.heartbeat_encode(6, 8, 0, 0, 0))
+                self._link.send(wire.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
                 sticks = [_CENTRE] * 4 + [_UNUSED] * 4
-                self._send(self._mav.rc_channels_override_encode(1, 1, *sticks))
+                self._link.send(wire.MAVLink_rc_channels_override_message(1, 1, *sticks))
                 if asking is not None:
-                    self._send(asking)
+                    self._link.send(asking)
             self._listen()
 
     def _listen(self) -> None:
-        with contextlib.suppress(TimeoutError, wire.MAVError):
-            datagram, self._address = self._socket.recvfrom(65_535)
-            for message in self._mav.parse_buffer(datagram) or []:
-                kind = message.get_type()
-                self._heard[f"PARAM_VALUE {message.param_id}" if kind == "PARAM_VALUE" else kind] = message
-                if kind == "SIM_STATE":
-                    self._states.append(message)
+        for message in self._link.listen():
+            kind = message.get_type()
+            self._heard[f"PARAM_VALUE {message.param_id}" if kind == "PARAM_VALUE" else kind] = message
+            if kind == "SIM_STATE":
+                self._states.append(message)
 
 
 def _motion(state: Any) -> Motion:

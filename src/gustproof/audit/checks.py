@@ -96,8 +96,7 @@ def format_values(values: Array | tuple[float, ...]) -> str:
 
 def _accelerations(simulator: Simulator, rotors: Array, omega_B: Vector = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
     """Return acceleration (3,) [m/s^2] N and angular acceleration (3,) [rad/s^2] B at the begin of a flight."""
-    motions = [simulator.reset(_SEED, _DT, STILL, Start(rotors, omega_B))]
-    motions += [simulator.step(rotors) for _ in range(2 * _SPAN)]
+    motions = simulator.fly(_SEED, _DT, STILL, Start(rotors, omega_B), rotors, 2 * _SPAN * _DT)
     begin, middle, end = (np.concatenate([m.velocity_N, m.omega_B]) for m in motions[::_SPAN])
     # The slopes over h and 2 h, extrapolated to a span of none.
     slope = (4.0 * (middle - begin) - (end - begin)) / (2.0 * _SPAN * _DT)
@@ -106,8 +105,7 @@ def _accelerations(simulator: Simulator, rotors: Array, omega_B: Vector = (0.0, 
 
 def _fly(simulator: Simulator, start: Start, rotors: Array, duration: float, air: Air = STILL) -> list[Motion]:
     """Return all motions of a flight of `duration` [s] under constant commands."""
-    motion = simulator.reset(_SEED, _DT, air, start)
-    return [motion, *(simulator.step(rotors) for _ in range(round(duration / _DT)))]
+    return simulator.fly(_SEED, _DT, air, start, rotors, duration)
 
 
 def _gravity(simulator: Simulator) -> Iterator[_Result]:

@@ -115,11 +115,15 @@ class Simulator:
         """Fly a step under commands (n,) [0..1] of the rotors."""
         raise NotReachable("rotors cannot be commanded one by one")
 
+    def fly(self, seed: int, dt: float, air: Air, start: Start, rotors: Array, duration: float) -> list[Motion]:
+        """Return the motions of a free flight of `duration` [s] under constant commands, the begin first."""
+        begin = self.reset(seed, dt, air, start)
+        return [begin, *(self.step(rotors) for _ in range(round(duration / dt)))]
+
     def hover(self, seed: int, dt: float, air: Air, duration: float) -> list[Motion]:
         """Return the motions of a hover of `duration` [s]; by default the rotors keep their hover commands."""
         rotors = self.airframe.hover()
-        begin = self.reset(seed, dt, air, Start(rotors))
-        return [begin, *(self.step(rotors) for _ in range(round(duration / dt)))]
+        return self.fly(seed, dt, air, Start(rotors), rotors, duration)
 
     def level_flight(self, seed: int, dt: float, air: Air, duration: float) -> tuple[float, list[Motion]]:
         """Return motions of a level flight by its own autopilot, which leaves the place free, and their period [s]."""

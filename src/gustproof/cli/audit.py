@@ -11,7 +11,10 @@ from gustproof.cli.options import AsJson, Build, print_json, working
 
 def audit(
     simulator: Annotated[
-        str, typer.Argument(help="own, rotorpy, ardupilot, or a Python file whose make_simulator() returns an adapter.")
+        str,
+        typer.Argument(
+            help="own, rotorpy, ardupilot, px4, or a Python file whose make_simulator() returns an adapter."
+        ),
     ],
     build: Build = "",
     as_json: AsJson = False,
@@ -26,6 +29,8 @@ def audit(
         gustproof audit rotorpy --json
 
         gustproof audit ardupilot --build ~/ardupilot
+
+        gustproof audit px4 --build ~/PX4-Autopilot
     """
     from pydantic_core import to_jsonable_python
 

@@ -1,6 +1,7 @@
 """The command `gustproof identify-rates`: the autopilot's rate loops, measured in flight over MAVLink."""
 
 import sys
+from itertools import repeat
 from pathlib import Path
 from typing import Annotated
 
@@ -42,9 +43,10 @@ def identify_rates(
     responses = [
         phasors(record.time, record.rate, OMEGA) / phasors(record.time, record.command, OMEGA) for record in records
     ]
-    roll, pitch, yaw = (fit_inner_loop(OMEGA, response, DT) for response in responses)
+    names = ("roll", "pitch", "yaw")
+    roll, pitch, yaw = map(fit_inner_loop, repeat(OMEGA), responses, repeat(DT), names)
     write_toml(InnerLoops(name=output.stem, roll=roll, pitch=pitch, yaw=yaw), output)
-    for axis, loop in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
+    for axis, loop in zip(names, (roll, pitch, yaw), strict=True):
         model = f"{loop.omega:.1f} rad/s, damping {loop.damping:.2f}, delay {1e3 * loop.delay:.0f} ms"
         print(f"{axis:<6} {model}, misfit {loop.misfit:.2f}")
     print(f"rate loops in {output}")

@@ -30,6 +30,7 @@ _DATA = Path(__file__).parent / "data"
 _MODE_LENGTH = 24  # of PX4's names of modes
 _MAIN_LOOP = 1000  # [Hz] of the Crazyflie
 _MAKEUP = 5  # steps in a row for lost samples: less than the time in which a sound law loses its vehicle
+_FADE = 2.0  # [s] in which the torque of the loops before fades: no shorter than a law's integrators need
 _LINEAR = "- The law is linear: it counts roll and pitch from the attitude at its start, so start it level.\n"
 _GYRO_RATES = (100, 250, 400, 800, 1000, 2000)  # [Hz] PX4's IMU_GYRO_RATEMAX
 _LEVEL_AND_HEIGHT, _POSITION = 1, 2  # PX4's GP_HOLD
@@ -116,6 +117,7 @@ def _units(law: Law, attitude: Attitude, words: Mapping[str, str], *, single: bo
         "first": "2" if law.is_scheduled else "0",
         "yaw": f"law->x[{words['prefix']}_PSI]" if law.is_scheduled else f"({real})0",
         "makeup": str(_MAKEUP),
+        "fade": f"{_FADE}f",
         "more": "".join(f"    {line}\n" for line in more),
     }
     texts = {name: _filled(f"common/{name}", inside) for name in ("gustproof_inside.h", "gustproof_inside.c")}

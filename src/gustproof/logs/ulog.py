@@ -13,7 +13,7 @@ PX4, *ULog File Format*, https://docs.px4.io/main/en/dev_log/ulog_file_format.ht
 
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -245,6 +245,24 @@ def read_ulog(path: Path) -> Draft:
             draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
     draft.findings += _findings(parser, left)
     return draft
+
+
+def read_topics(
+    path: Path, topics: Mapping[str, Iterable[str]]
+) -> tuple[dict[str, NDArray[np.void]], dict[str, float]]:
+    """Return fields of topics with their stamps, as far as they are logged, and all parameters.
+
+    Raises
+    ------
+    OSError
+        If the file can't be read.
+    ValueError
+        If it holds too much, or features of a later format.
+    """
+    parser = _Parser(topics)
+    read_blocks(path, parser.consume)
+    tables = {name: parser.topic(name, fields) for name, fields in topics.items()}
+    return {name: table[1] for name, table in tables.items() if table is not None}, parser.parameters.values
 
 
 def _centred(parser: _Parser, found: list[Rows]) -> list[Rows]:

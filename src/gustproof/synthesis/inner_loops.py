@@ -15,6 +15,7 @@ from gustproof.synthesis.pid.autotune import ComplexVector
 
 _SAMPLES_LATE = 1.5  # half a sample of hold and one of delay: every sampled loop has these in its margins
 _WORST_MISFIT = 0.5  # [-]; a response that far from the model is none of a rate loop
+_RESONANCE = 3.0  # [-]; a response with such a peak is about to oscillate
 
 
 @strict_dataclass
@@ -78,10 +79,10 @@ def load_inner_loops(path: str | Path) -> InnerLoops:
     return validate(InnerLoops, {"name": path.stem, **read_document(path)}, str(path))
 
 
-def fit_inner_loop(omega: Matrix, response: ComplexVector, dt: float) -> InnerLoop:
+def fit_inner_loop(omega: Matrix, response: ComplexVector, dt: float, axis: str) -> InnerLoop:
     """Return the loop nearest to the response (n,) at `omega` (n,) [rad/s] from commands sampled every `dt` [s].
 
-    The gain at rest is 1: an autopilot's rate loop has an integrator.
+    The gain at rest is 1: an autopilot's rate loop has an integrator. `axis` names it for users.
 
     Raises
     ------
@@ -99,8 +100,12 @@ def fit_inner_loop(omega: Matrix, response: ComplexVector, dt: float) -> InnerLo
     x = min(fits, key=lambda fit: float(fit.cost)).x
     distance = float(np.max(np.abs(_response(omega, math.exp(x[0]), math.exp(x[1]), x[2]) - response)))
     if not distance < _WORST_MISFIT:
+        highest = int(np.argmax(np.abs(response)))
+        if (peak := float(np.abs(response[highest]))) > _RESONANCE:
+            near = f"answers {peak:.1f} times its command at {omega[highest]:.1f} rad/s"
+            raise DesignError(f"{axis} {near}: the autopilot is about to oscillate there, change its gains first")
         raise DesignError(
-            f"the response is not that of a rate loop: {distance:.2f} from the nearest, for a command of 1"
+            f"the response in {axis} is not that of a rate loop: {distance:.2f} from the nearest, for a command of 1"
         )
     delay = max(float(x[2]) - _SAMPLES_LATE * dt, 0.0)
     return InnerLoop(omega=math.exp(x[0]), damping=math.exp(x[1]), delay=delay, misfit=distance)

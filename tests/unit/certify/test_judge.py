@@ -23,9 +23,11 @@ from gustproof.certify.check import (
     estimate_box,
     evidence,
     flight_box,
+    gaussian_loop,
     kernel_norms,
     levelled_box,
     levelled_norms,
+    quadratic_constraints,
     single_precision,
     system,
     truth_drift,
@@ -40,6 +42,7 @@ from gustproof.lti import rational
 
 Figures = Iterator[tuple[str, Any]]
 """Figures by name, made one after the other: a test stops at the first that is wrong."""
+Wave = np.ndarray[Any, np.dtype[np.complex128]]
 PINNED = Path(__file__).parents[2] / "golden" / "judge.json"
 STEP = 0.125
 SAMPLES = {"torque": (480, 320, 352), "rates": (256, 288, 288)}
@@ -457,6 +460,8 @@ def test_every_term_moves_a_figure(output):
         (levelled_box, {"_TILT": 2.0**-22, "LEAK": 0.0625}),
         (levelled_norms, {"_ULP": 2**-52, "_DIVERGED": 1e30, "_SPARE": 1e-6, "_BLOCK": 1024}),
         (truth_drift, {"_CHUNKS": 32, "_LARGEST": 1, "_ROUNDS": 200, "_ROUNDING": 2.0**-44}),
+        (quadratic_constraints, {"LEAD": Fraction(707, 5000), "LAG": Fraction(257, 400)}),
+        (gaussian_loop, {"_EPS": 2.0**-44, "_MOST_ORDER": 30, "_CHUNKS": 240, "_FAR": 12}),
         (evidence, {"ROUNDING": Fraction(1, 1 << 40), "FORMAT": "gustproof-certificate-1"}),
         (attitude_offset, {"_MOST_LEFT": 1e-3, "_SPARE": 1e-6, "_ULP": 2**-52}),
         (single_precision, {"_U": 2.0**-24, "_EXACT": 2.0**-35, "_FINE": 2.0**-12, "_TINY": 2.0**-110}),
@@ -475,6 +480,8 @@ def test_a_series_has_as_many_terms_as_it_says():
             term *= x / k
             total += term
         assert rational.exp_lower_bound(x) == total
+    above = rational.exp_lower_bound(Fraction(1, 16)) - gaussian_loop._ROOT
+    assert 0 <= above < Fraction(1, 1 << 96)
 
 
 def test_definiteness_of_small_and_odd_matrices():
@@ -680,6 +687,15 @@ def test_tails_are_added_in_full_and_refused_if_they_are_large():
             kernel_norms._add_tails(total, square, last, samples, np.full((1, 1), defect), centre, centre, 0.0)
 
 
+def test_each_rounding_of_the_tails_is_upward(monkeypatch):
+    monkeypatch.setattr(kernel_norms, "UP", 2.0)
+    centre, defect = np.ones((1, 2)), 2.0**-20
+    norms = kernel_norms._add_tails(*last_of(0.0), np.full((1, 1), defect), centre, centre, 0.0)
+    wrong = 2.0 * 2.0 * defect
+    finite, left = 2.0 + 2 * wrong, 2.0 * wrong
+    assert norms.entries[0, 0, 0] == pytest.approx(2.0 * (finite + left * 2.0 * finite / (1.0 - left)), rel=1e-12)
+
+
 # -- the system --
 
 
@@ -693,11 +709,15 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
     for name in ("two\nlines", "a 'quote'"):
         refused({**law, "name": name}, words="holds no quote")
     refused({**law, "output": "attitude"}, words="commands attitude, the proof is about torque and rates")
+    refused({**law, "schedule": {}}, words="is scheduled on attitude and rates")
     refused({**law, "B": [[*row, 0.0, 0.0] for row in law["B"]]}, words="matrices of wrong shapes")
     refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="matrices of wrong shapes")
     refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
     refused({**law, "C": law["C"][:2]}, words="matrices of wrong shapes")
     refused({**law, "G": [row[:2] for row in law["G"]]}, words="matrices of wrong shapes")
+    for name in "ST":
+        for less in (law["rate_limit"][name][:2], [row[:-4] for row in law["rate_limit"][name]]):
+            refused({**law, "rate_limit": {**law["rate_limit"], name: less}}, words="a rate limit of wrong shape")
     for name, i, j in product("ABCDG", (0, 1, 2), (0, 1, 2)):
         if i != j:
             changed = [list(row) for row in law[name]]
@@ -1330,6 +1350,67 @@ def test_corners_of_slow_parameters_take_every_sign():
     for count in (3, 5):
         with pytest.raises(ValueError, match="a term for each set"):
             dissipation.corner((terms * 2)[:count], (1, 1))
+
+
+def seen(block: dict[str, Any], s: complex, q: Wave, p: Wave) -> float:
+    """Return the form of a part for waves q and p, with its filter at s."""
+    filter_of = quadratic_constraints.make_filter(block)
+    A, B, M = (
+        np.array(rows, dtype=float)
+        for rows in (filter_of.A, filter_of.B, quadratic_constraints.constraint_form(block, block))
+    )
+    waves = np.concatenate([q, p])
+    signals = np.concatenate([np.linalg.solve(s * np.eye(len(A)) - A, B @ waves), waves])
+    return float((signals.conj() @ M @ signals).real)
+
+
+def test_forms_with_two_poles_are_those_of_their_formulas():
+    """Of slope and delay, by frequency, for waves of two channels."""
+    q, p = np.array([1.0 + 0.5j, -0.25j]), np.array([0.5, 0.75 - 0.25j])
+    slope = {**PARTS[0], "poles": [0.5, 3.0], "causal": [[0.25, -0.5], [0.5, 0.125]]}
+    slope["anticausal"] = [[0.125, 0.0625], [-0.25, 0.75]]
+    delay = {**PARTS[3], "size": 2, "poles": [0.5, 3.0], "X": symmetric(6, 1), "Y": symmetric(6, 2)}
+    for omega in (0.0625, 0.5, 4.0):
+        s = 1j * omega
+        F, e = [a / (s + a) for a in slope["poles"]], q - p
+        sums = np.array(slope["T"]) * p.conj() * e
+        for each, c, d in zip(F, slope["causal"], slope["anticausal"], strict=True):
+            sums = sums - c * p.conj() * each * e - d * e.conj() * each * p
+        assert seen(slope, s, q, p) == pytest.approx(2.0 * np.sum(sums).real)
+        lag, lead, z = float(quadratic_constraints.LAG), float(quadratic_constraints.LEAD), s * delay["largest"]
+        W = z * (2.0 * lead * z + 1.0) / (lead * z**2 + lag * z + 1.0)
+        covered, plain, late = (np.concatenate([wave, *(each * wave for each in F)]) for wave in (W * q, q, p))
+        X, Y = np.array(delay["X"]), np.array(delay["Y"])
+        expected = covered.conj() @ X @ covered - late.conj() @ (X + Y) @ late - 2.0 * late.conj() @ Y @ plain
+        assert seen(delay, s, q, p) == pytest.approx(expected.real)
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "words"),
+    [
+        (1, {"G": [[0.5]]}, "G of block r is not skew"),
+        (1, {"size": 2, "D": [[1.0, 0.5], [0.5, 1.0]], "G": [[0.0, 0.5], [-0.5, 0.0]]}, None),
+        (1, {"G": [[0.0], [0.0]]}, "scalings of block r do not have its size"),
+        (0, {"causal": [[1.875, 0.0]]}, None),
+        (0, {"causal": [[1.0, 1.4375]]}, None),
+        (0, {"causal": [[1.0, 1.5]]}, "larger than the slope allows"),
+        (0, {"odd": False}, "causal of block s is negative"),
+        (0, {"odd": False, "causal": [[0.25, 0.5]]}, None),
+        (
+            0,
+            {"odd": False, "poles": [0.5, 3.0], "causal": [[0.25, 0.5], [0.0, -0.25]]},
+            "causal of block s is negative",
+        ),
+        (0, {"odd": False, "causal": [[0.0, 0.5]], "anticausal": [[0.5, -0.5]]}, "anticausal of block s is negative"),
+    ],
+)
+def test_multipliers_are_those_that_the_part_allows(part, changes, words):
+    block = {**PARTS[part], **changes}
+    if words is None:
+        quadratic_constraints.check_multipliers(block, block)
+    else:
+        with pytest.raises(Refusal, match=words):
+            quadratic_constraints.check_multipliers(block, block)
 
 
 # -- the evidence of a gain --

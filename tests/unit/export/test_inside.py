@@ -66,6 +66,7 @@ class Inside:
                 ("origin", ctypes.c_double * 3),
                 ("waited", ctypes.c_float),
                 ("torque", ctypes.c_float * 3),
+                ("trim", ctypes.c_float * 3),
             ]
 
         self.state = State()
@@ -81,6 +82,9 @@ class Inside:
         torque = (ctypes.c_float * 3)()
         restarted = self._unit.gustproof_run(ctypes.byref(self.state), ctypes.byref(self._sample(**sample)), torque)
         return restarted, np.array(torque)
+
+    def take_over(self, torque) -> None:
+        self._unit.gustproof_take_over(ctypes.byref(self.state), (ctypes.c_float * 3)(*torque))
 
     def undelivered(self, missing) -> None:
         self._unit.gustproof_undelivered(ctypes.byref(self.state), (ctypes.c_float * 3)(*missing))
@@ -140,6 +144,19 @@ def test_law_starts_at_the_present_attitude_and_at_rest_commands_nothing(name, i
     for _ in range(100):
         _, torque = unit.run(attitude=held, reference=held)
         assert np.max(np.abs(torque)) < 1e-3
+
+
+def test_torque_of_the_loops_before_is_taken_over_and_fades(inside):
+    unit = inside("flagship")
+    unit.start()
+    unit.take_over((0.5, -0.25, math.nan))
+    assert not np.any(unit.run()[1])
+    unit.take_over((0.5, -0.25, 0.125))
+    torques = np.array([unit.run()[1] for _ in range(500)])
+    np.testing.assert_allclose(torques[0], [0.5, -0.25, 0.125], rtol=3e-3)
+    np.testing.assert_allclose(torques[-1] / torques[0], math.exp(-1.0), rtol=3e-3)
+    unit.start()
+    assert not np.any(unit.run()[1])
 
 
 def test_reference_beyond_half_a_turn_is_the_near_one(inside):

@@ -29,15 +29,22 @@ def response(loop: InnerLoop, omega: np.ndarray, late: float = 0.0) -> np.ndarra
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
 def test_fit_finds_the_loop_and_takes_hold_and_delay_of_sampling_off(axis):
     loop = getattr(STOCK, axis)
-    found = fit_inner_loop(OMEGA, response(loop, OMEGA, 1.5 * DT), DT)
+    found = fit_inner_loop(OMEGA, response(loop, OMEGA, 1.5 * DT), DT, "yaw")
     assert (found.omega, found.damping, found.delay) == pytest.approx((loop.omega, loop.damping, loop.delay), rel=1e-3)
     assert found.misfit < 1e-3
 
 
 def test_noise_is_no_rate_loop():
     rng = np.random.default_rng(1)
-    with pytest.raises(DesignError, match="not that of a rate loop"):
-        fit_inner_loop(OMEGA, rng.normal(size=8) + 1j * rng.normal(size=8), DT)
+    with pytest.raises(DesignError, match="response in yaw is not that of a rate loop"):
+        fit_inner_loop(OMEGA, rng.normal(size=8) + 1j * rng.normal(size=8), DT, "yaw")
+
+
+def test_loop_about_to_oscillate_is_told_by_its_peak():
+    # Yaw of ArduPilot's stock gains on vehicle `paper`, measured in flight.
+    gain, phase = [0.97, 1.16, 1.27, 1.99, 8.67, 0.64, 0.18, 0.05], [1, -1, -12, -21, -121, -219, -250, -294]
+    with pytest.raises(DesignError, match=r"yaw answers 8\.7 times its command at 8\.2 rad/s: .* oscillate"):
+        fit_inner_loop(OMEGA, gain * np.exp(1j * np.radians(phase)), DT, "yaw")
 
 
 def test_delay_in_the_loop_agrees_to_second_order():

@@ -46,7 +46,8 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
 
 def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
     if len(records) < 2:
-        raise ConfigError(f"{bag}: {len(records)} samples, a report needs at least 2")
+        ended = f"its flight ended as {about.get('outcome')!r}"
+        raise ConfigError(f"{bag}: {len(records)} of the 2 samples that a report needs; {ended}")
     if about.get("law", ...) is None and not (about.get("autopilot") or about.get("controller")):
         raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
     scenario, pilot, vehicle, seed, _ = parse_metadata(about, bag)

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #define __EXPORT
+#define PX4_ISFINITE(x) std::isfinite(x)
 #define MODULE_NAME "gustproof"
 #define PX4_INFO(...) stub_print(__VA_ARGS__)
 #define PX4_WARN(...) stub_print(__VA_ARGS__)

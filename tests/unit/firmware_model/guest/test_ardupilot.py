@@ -68,7 +68,7 @@ def test_other_datagrams_are_foreign(datagram: bytes) -> None:
 
 def test_answer_holds_each_reading_under_its_name() -> None:
     answer = json.loads(encode_answer(READINGS))
-    assert answer["timestamp"] == 0.002500001
+    assert answer["timestamp"] == 0.002501001
     assert answer["imu"] == {"gyro": [0.5, -0.25, 0.125], "accel_body": [0.0, 0.0, -9.75]}
     assert answer["position"] == [1.0, 2.0, -10.0]
     assert answer["velocity"] == [0.5, 0.0, 0.25]
@@ -90,7 +90,7 @@ def test_wind_vane_points_where_the_air_comes_from() -> None:
 def test_answer_suits_a_reader_that_takes_the_first_name_and_skips_two_characters() -> None:
     text = encode_answer(READINGS)
     for name, first in (
-        ("timestamp", b"0.0025"),
+        ("timestamp", b"0.002501"),
         ("gyro", b"[0.5,"),
         ("velocity", b"[0.5,0,"),
         ("quaternion", b"[0.7"),

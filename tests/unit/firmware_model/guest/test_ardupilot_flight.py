@@ -180,7 +180,7 @@ def test_peer_finds_a_spoiled_wind_or_height(motion: list[Readings], name: str) 
         ("exit", "killed", "the peer gives up"),
         ("hang", "hung", "no frame in 1 s"),
         ("restart", "killed", "its count of frames went back"),
-        ("disarm", "disarmed", "disarmed in flight"),
+        ("disarm", "disarmed", "it said last: "),
         ("land", "left_mode", "left GUIDED for mode 9"),
         ("silent", "wrong_build", "no frame of the JSON interface"),
         ("stranger", "wrong_build", "it is not ArduPilot: MAV_AUTOPILOT 12"),

@@ -145,9 +145,10 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
         ("plus", "wrong_geometry", "a set-point in roll gave torques of"),
         ("exit", "killed", "the peer gives up"),
         ("hang", "hung", "no answer to the sample at 3.5 s in 1 s"),
-        ("disarm", "disarmed", "disarmed in flight"),
+        ("disarm", "disarmed", "it said last: "),
         ("land", "left_mode", "left OFFBOARD for mode"),
         ("silent", "wrong_build", "it did not connect to TCP port"),
+        ("script", "wrong_build", "helper: not found; ERROR"),
         ("no lockstep", "wrong_build", "without lockstep"),
         ("stranger", "wrong_build", "it is not PX4: MAV_AUTOPILOT 3"),
     ],
@@ -189,6 +190,19 @@ def test_program_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixt
     facts = fly(tmp_path, capsys, build=str(tmp_path / "build"))
     assert facts["outcome"] == "wrong_build"
     assert "Exec format error" in facts["reason"]
+
+
+def test_build_without_a_law_inside_is_refused(tmp_path: Path) -> None:
+    for folder in ("bin", "etc"):
+        (tmp_path / "build" / folder).mkdir(parents=True)
+    (tmp_path / "build" / "bin" / "px4").write_text("")
+    (tmp_path / "short.toml").write_text(SCRIPT.format(translation="held"))
+    options = GuestOptions(
+        autopilot="px4", build=tmp_path / "build", law="flagship", folder=tmp_path / "run", vehicle="paper",
+        scenario=str(tmp_path / "short.toml"), journal=tmp_path / "flight.journal",
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="no law is built into it"):
+        px4_process.make_px4(options, load_scenario(options.scenario), load_vehicle("paper"))
 
 
 @pytest.mark.parametrize("below", ["", "build/px4_sitl_default"])

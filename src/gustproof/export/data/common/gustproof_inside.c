@@ -54,10 +54,18 @@ void gustproof_start(struct gustproof_inside *law, const struct gustproof_sample
         law->origin[i] = i < $first ? ($real)0 : euler[i];
         euler[i] -= law->origin[i];
         rates[i] = ($real)now->gyro[i];
-        law->torque[i] = 0.0f;
+        law->torque[i] = law->trim[i] = 0.0f;
     }
     ${prefix}_start(law->x, euler, rates);
     law->waited = 0.0f;
+}
+
+void gustproof_take_over(struct gustproof_inside *law, const float torque[3])
+{
+    if (!sound(torque))
+        return;
+    for (int i = 0; i < 3; i++)
+        law->trim[i] = torque[i];
 }
 
 int gustproof_run(struct gustproof_inside *law, const struct gustproof_sample *now, float torque[3])
@@ -74,15 +82,17 @@ int gustproof_run(struct gustproof_inside *law, const struct gustproof_sample *n
     for (; law->waited > 0.5f * dt; law->waited -= dt) {
         read_sample(law, now, y);
         (void)${prefix}_step(law->x, y, command);
-        for (int i = 0; i < 3; i++)
+        for (int i = 0; i < 3; i++) {
             law->torque[i] = (float)command[i];
+            law->trim[i] -= dt / $fade * law->trim[i];
+        }
     }
     if (!sound(law->torque)) {
         gustproof_start(law, now);
         restarted = 1;
     }
     for (int i = 0; i < 3; i++)
-        torque[i] = law->torque[i];
+        torque[i] = law->torque[i] + law->trim[i];
     return restarted;
 }
 

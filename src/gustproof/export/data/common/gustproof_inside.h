@@ -20,6 +20,7 @@ struct gustproof_inside {
     $real origin[3]; /* [rad] roll, pitch, yaw that the law counts its attitude from: $origin */
     float waited;     /* [s] since the last step */
     float torque[3];  /* of the last step */
+    float trim[3];    /* [N m] on top of it: torque of the loops before, on its way out */
 };
 
 struct gustproof_sample {
@@ -33,6 +34,12 @@ struct gustproof_sample {
 
 /* Start at the attitude of a sample; while on the ground or disarmed, at every sample. */
 void gustproof_start(struct gustproof_inside *law, const struct gustproof_sample *now);
+
+/* Begin with the torque [N m] of the loops that flew until the start: without it a steady moment turns the vehicle.
+ *
+ * It fades out in some seconds, as the law's own integrators take over.
+ */
+void gustproof_take_over(struct gustproof_inside *law, const float torque[3]);
 
 /* Run one sample and write the torque.
  *

@@ -13,6 +13,7 @@ using namespace time_literals;
 static constexpr char MODE_NAME[] = "$mode";
 static constexpr bool TAKES_REFERENCES = $takes_references;
 static constexpr hrt_abstime FRESH = 500_ms;
+static constexpr float SMOOTHING = 0.2f; // [s] of the torque to begin with: gusts and noise shall not count
 static constexpr float STANDING = 0.3f; // [m/s] of a set-point that holds a place
 
 Gustproof::Gustproof() :
@@ -66,6 +67,7 @@ void Gustproof::Run()
 	register_mode(gyro.timestamp_sample);
 	answer_arming_check();
 	read_sensors(gyro, interval);
+	follow_torque(interval);
 	fly(gyro.timestamp_sample);
 }
 
@@ -206,7 +208,7 @@ void Gustproof::enter()
 	here.position[2] = kept ? before.position[2] : position.z;
 	here.acceleration[0] = here.acceleration[1] = fixed ? NAN : 0.f;
 	here.acceleration[2] = NAN;
-	here.yaw = yaw;
+	here.yaw = kept && PX4_ISFINITE(before.yaw) ? before.yaw : yaw;
 	here.yawspeed = NAN;
 
 	for (int i = 0; i < 3; i++) {
@@ -215,6 +217,32 @@ void Gustproof::enter()
 
 	here.timestamp = hrt_absolute_time();
 	_trajectory_pub.publish(here);
+}
+
+void Gustproof::follow_torque(float interval)
+{
+	vehicle_torque_setpoint_s setpoint;
+
+	if (_flying || !_torque_sub.update(&setpoint)) {
+		return;
+	}
+
+	const float share = math::constrain(interval / SMOOTHING, 0.f, 1.f);
+
+	for (int i = 0; i < 3; i++) {
+		const float change = share * (setpoint.xyz[i] - _before[i]);
+		_before[i] = PX4_ISFINITE(change) ? _before[i] + change : 0.f;
+	}
+}
+
+void Gustproof::take_over()
+{
+	const float torque[3] {
+		_before[0] *_param_roll_torque.get(),
+		_before[1] *_param_pitch_torque.get(),
+		_before[2] *_param_yaw_torque.get(),
+	};
+	gustproof_take_over(&_law, torque);
 }
 
 void Gustproof::choose_setpoint(hrt_abstime now)
@@ -279,9 +307,14 @@ void Gustproof::fly(hrt_abstime sample)
 	const hrt_abstime now = hrt_absolute_time();
 
 	if (!_flying || !_control_mode.flag_armed) {
+		const bool switched = !_flying && _control_mode.flag_armed;
 		enter();
 		gustproof_start(&_law, &_now);
 		_now.elapsed = 1.f / GUSTPROOF_RATE;
+
+		if (switched && !_land.landed) {
+			take_over();
+		}
 
 	} else if (_land.landed) {
 		gustproof_start(&_law, &_now); // or its integrators would wind up against the ground

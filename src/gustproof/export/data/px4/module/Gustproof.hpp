@@ -55,6 +55,8 @@ private:
 	void answer_arming_check();
 	bool in_control();
 	void enter();
+	void follow_torque(float interval);
+	void take_over();
 	void choose_setpoint(hrt_abstime now);
 	void tell_saturation(hrt_abstime now);
 	void read_sensors(const vehicle_angular_velocity_s &gyro, float interval);
@@ -72,6 +74,7 @@ private:
 	uORB::Subscription _control_mode_sub{ORB_ID(vehicle_control_mode)};
 	uORB::Subscription _land_sub{ORB_ID(vehicle_land_detected)};
 	uORB::Subscription _position_sub{ORB_ID(vehicle_local_position)};
+	uORB::Subscription _torque_sub{ORB_ID(vehicle_torque_setpoint)};
 	uORB::Subscription _trajectory_sub{ORB_ID(trajectory_setpoint)};
 	uORB::Subscription _check_sub{ORB_ID(arming_check_request)};
 	uORB::Subscription _registered_sub{ORB_ID(register_ext_component_reply)};
@@ -105,6 +108,7 @@ private:
 	unsigned _restarts{0};
 
 	float _thrust[3] {};
+	float _before[3] {}; // torque set-point of the mode before, smoothed
 	float _hover{0.5f};
 
 	DEFINE_PARAMETERS(
