@@ -480,6 +480,7 @@ def test_a_series_has_as_many_terms_as_it_says():
             term *= x / k
             total += term
         assert rational.exp_lower_bound(x) == total
+    assert gaussian_loop._tail(Fraction(1, 2), Fraction(1)) == 1
     above = rational.exp_lower_bound(Fraction(1, 16)) - gaussian_loop._ROOT
     assert 0 <= above < Fraction(1, 1 << 96)
 
