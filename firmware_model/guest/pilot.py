@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.guest.guest import Dialect
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
-from firmware_model.mavlink.messages import AUTOPILOT, command_message
+from firmware_model.mavlink.messages import AUTOPILOT, command_long_message, command_message
 from firmware_model.types import AttitudeTarget, Quaternion
 
 PERIOD_US = 20_000
@@ -165,8 +165,7 @@ class Pilot:
         self._send(EncodedMessage(wire.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY, _ARRAY.pack(*fields)))
 
     def _command(self, number: int, *parameters: float) -> None:
-        numbers = (*map(float, parameters), *[0.0] * 7)[:7]
-        self._send(wire.MAVLink_command_long_message(self._system, AUTOPILOT, number, 0, *numbers))
+        self._send(command_long_message(number, self._system, *parameters))
 
     def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append(self.channel.pack(message))

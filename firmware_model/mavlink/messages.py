@@ -198,6 +198,12 @@ def stamp_difference(command: Command, time_us: int) -> int:
     return command.time_us - time_us
 
 
+def command_long_message(command: int, target_system: int, *parameters: float) -> Message:
+    """Return a COMMAND_LONG to the autopilot of a system; parameters that are left out are 0."""
+    numbers = (*map(float, parameters), *[0.0] * 7)[:7]
+    return wire.MAVLink_command_long_message(target_system, AUTOPILOT, command, 0, *numbers)
+
+
 def heartbeat_message(
     custom_mode: int, armed: bool, *, critical: bool, generic: bool = False, rotors: int = 4
 ) -> Message:

@@ -18,7 +18,8 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot_process import find_build, place_and_links
 from firmware_model.guest.child import ChildProcess
-from gustproof.audit.link import AutopilotLink, encode_command
+from firmware_model.mavlink.messages import command_long_message
+from gustproof.audit.link import AutopilotLink
 from gustproof.audit.simulator import Air, Motion, NotReachable, Simulator
 from gustproof.audit.turbulence import expected_turbulence
 
@@ -110,7 +111,7 @@ class ArduPilotQuad(Simulator):
         self._process = ChildProcess(command, folder, os.environ)
         self._wait(lambda: "HEARTBEAT" in self._heard, "heartbeat")
         for stream in (wire.MAVLINK_MSG_ID_SIM_STATE, wire.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
-            self._link.send(encode_command(1, wire.MAV_CMD_SET_MESSAGE_INTERVAL, stream, _PERIOD_US))
+            self._link.send(command_long_message(wire.MAV_CMD_SET_MESSAGE_INTERVAL, 1, stream, _PERIOD_US))
         self._ask(wire.MAV_CMD_DO_SET_MODE, lambda: self._mode == _GUIDED, "GUIDED", 1, _GUIDED)
         self._ask(wire.MAV_CMD_COMPONENT_ARM_DISARM, lambda: self._armed, "arming", 1)
         self._ask(wire.MAV_CMD_NAV_TAKEOFF, lambda: self._height > 0.9 * _HEIGHT, "take-off", 0, 0, 0, 0, 0, 0, _HEIGHT)
@@ -167,7 +168,7 @@ class ArduPilotQuad(Simulator):
         return 0.0 if place is None else -float(place.z)
 
     def _ask(self, command: int, done: Callable[[], bool], goal: str, *parameters: float) -> None:
-        self._wait(done, goal, encode_command(1, command, *parameters))
+        self._wait(done, goal, command_long_message(command, 1, *parameters))
 
     def _wait(self, done: Callable[[], bool], goal: str, asking: Any = None) -> None:
         """Listen until a goal is reached, asking for it twice a second and keeping the sticks centred."""

@@ -39,9 +39,3 @@ class AutopilotLink:
     def close(self) -> None:
         """Free the port."""
         self._socket.close()
-
-
-def encode_command(system: int, command: int, *parameters: float) -> Any:
-    """Return a COMMAND_LONG to an autopilot; parameters that are left out are 0."""
-    numbers = (*map(float, parameters), *[0.0] * 7)[:7]
-    return wire.MAVLink_command_long_message(system, 1, command, 0, *numbers)

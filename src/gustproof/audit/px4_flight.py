@@ -20,7 +20,8 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import GuestError
 from firmware_model.guest.px4_process import BOOTED, onboard_port, reserve_instance, start_px4, write_start_files
-from gustproof.audit.link import AutopilotLink, encode_command
+from firmware_model.mavlink.messages import command_long_message
+from gustproof.audit.link import AutopilotLink
 from gustproof.audit.simulator import Array
 from gustproof.logs.ulog import read_topics
 
@@ -128,7 +129,7 @@ class _Flight:
     def _command(self, rotors: Array, timeout_s: float) -> None:
         test = wire.MAV_CMD_ACTUATOR_TEST
         each = enumerate(rotors.tolist(), 1)
-        self._link.send(*(encode_command(self._system, test, u, timeout_s, 0, 0, motor) for motor, u in each))
+        self._link.send(*(command_long_message(test, self._system, u, timeout_s, 0, 0, motor) for motor, u in each))
 
     def _pass(self, duration_s: float) -> None:
         end_us = self._heard.time_usec + 1e6 * duration_s

@@ -36,7 +36,7 @@ from firmware_model.autopilot.parameters import RATE_NAME, TORQUE_LIMIT_NAMES
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
-from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER
+from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER, command_long_message
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample, Vector
 from gustproof.controller.core import Controller, Flown, References, sample_time
@@ -600,9 +600,8 @@ class ControllerEndpoint:
     def _describe_phase(self) -> str:
         return self.phase.value.format(mode=self._family.mode_name)
 
-    def _command(self, command: int, first: float, second: float = 0.0, third: float = 0.0) -> None:
-        numbers = first, second, third, 0.0, 0.0, 0.0, 0.0
-        self._send(wire.MAVLink_command_long_message(self._packer.srcSystem, AUTOPILOT, command, 0, *numbers))
+    def _command(self, command: int, *parameters: float) -> None:
+        self._send(command_long_message(command, self._packer.srcSystem, *parameters))
 
     def _send(self, message: Message | EncodedMessage) -> None:
         self._outbox.append((self.channel.pack(message), self.vehicle))

@@ -22,7 +22,7 @@ from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, Frame, Message, RejectReason, parse
-from firmware_model.mavlink.messages import AUTOPILOT
+from firmware_model.mavlink.messages import AUTOPILOT, command_long_message
 from firmware_model.types import Vector
 from gustproof.live.telemetry_buffer import TelemetryBuffer
 
@@ -226,9 +226,7 @@ class GroundStation:
         self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
 
     def _set_message_interval(self, number: int, interval_us: int) -> None:
-        numbers = float(number), float(interval_us), 0.0, 0.0, 0.0, 0.0, 0.0
-        command = wire.MAV_CMD_SET_MESSAGE_INTERVAL
-        self._send(wire.MAVLink_command_long_message(self._system or 0, AUTOPILOT, command, 0, *numbers))
+        self._send(command_long_message(wire.MAV_CMD_SET_MESSAGE_INTERVAL, self._system or 0, number, interval_us))
 
     def _send(self, message: Message) -> None:
         self._outbox.append((self.channel.pack(message), self._vehicle))
