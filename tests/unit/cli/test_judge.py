@@ -13,7 +13,6 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.guest.parameter_files import read_parameters
 from gustproof.analysis import judge as judging
 from gustproof.autopilots.models import read_autopilot_law
-from gustproof.cli import judge as command
 from gustproof.cli.app import app
 from gustproof.logs import read
 from gustproof.logs.flight_log import FlightLog, Signal
