@@ -176,29 +176,18 @@ def c_name(name: str) -> str:
 
 def _source(writer: "_Writer", words: dict[str, str]) -> str:
     law = writer.law
-    kind, is_exact = _kind(law), bool(np.any(law.G))
+    kind = _kind(law)
     if writer.attitude is Attitude.AUTOPILOT:
         kind += " After each step its attitude becomes the autopilot's."
     if law.rate_limit is not None:
         kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits.tolist(), repr)} rad/s."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    turns = law.is_scheduled or law.rate_limit is not None or law.uses_accelerometer
-    if writer.single is None:
-        made += " The arithmetic equals the flown law's to the bit."
-        feels = is_exact or law.uses_accelerometer
-        parts = {"absolute": feels, "sin_cos": turns, "arctan2": feels, "euler_rates": is_exact}
-    else:
-        made += " In single precision; sums of slow states carry a second float."
-        parts = {
-            "wide_sum": bool(writer.single.wide),
-            "sin_versine": turns,
-            "euler_excess": is_exact,
-            "sin_cos_single": is_exact or law.rate_limit is not None or law.schedule is not None,
-            "arctan2_single": is_exact,
-        }
-    parts |= {"half_tangent": writer.reads_angles, "turn_steep": is_exact}
-    parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
-    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed)
+    made += (
+        " The arithmetic equals the flown law's to the bit."
+        if writer.single is None
+        else " In single precision; sums of slow states carry a second float."
+    )
+    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in _functions(writer).items() if needed)
     prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
     return _filled(
         "law.c.in",
@@ -217,6 +206,22 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
         },
     )
+
+
+def _functions(writer: "_Writer") -> dict[str, bool]:
+    """Return which functions the step calls, in the order of their definition."""
+    law, single = writer.law, writer.single
+    is_exact, is_limited = bool(np.any(law.G)), law.rate_limit is not None
+    turns = law.is_scheduled or is_limited or law.uses_accelerometer
+    if single is None:
+        feels = is_exact or law.uses_accelerometer
+        first = {"absolute": feels, "sin_cos": turns, "arctan2": feels, "euler_rates": is_exact}
+    else:
+        turned = is_exact or is_limited or law.schedule is not None
+        first = {"wide_sum": bool(single.wide), "sin_versine": turns, "euler_excess": is_exact}
+        first |= {"sin_cos_single": turned, "arctan2_single": is_exact}
+    more = {"half_tangent": writer.reads_angles, "turn_steep": is_exact}
+    return {**first, **more, "rate_excess": is_limited, "tilt": law.uses_accelerometer}
 
 
 def _kind(law: Law) -> str:
