@@ -163,3 +163,23 @@ def test_references_of_an_interpolating_law_count_from_its_start():
     controller.interpolating = True
     asked = [controller.answer(sample(9_000_000 + 4000 * k), reset=k == 0).torque_B[0] for k in range(4)]
     assert asked == [0.25, 0.25, 0.5, 0.5]
+
+
+def test_heading_of_the_estimate_turns_with_the_gyro_and_ignores_a_wander():
+    I, O = np.eye(3), np.zeros((3, 3))  # noqa: E741
+    law = replace(
+        integrator(Output.RATES),
+        A=np.block([[I, O], [O, O]]),
+        B=np.block([[O, O], [I, O]]),
+        C=np.hstack([-I, O]),
+        G=np.vstack([0.004 * I, O]),
+        H=np.zeros((6, 3)),
+    )  # u = -E, of its own estimate
+    controller = Controller(law, (1.0, 1.0, 1.0), 0.5)
+    controller.answer(sample(4000, 0.0), reset=True, attitude=(0.0, 0.0, 3.0))
+    for k in range(2, 1502):
+        turned = 0.2 * 0.004 * (k - 1)
+        controller.step(4000 * k, (0.0, 0.0, 0.2), (0.0, 0.0, -9.8))
+        if k % 5 == 0:
+            controller.correct((0.0, 0.0, math.remainder(3.005 + turned, 2.0 * math.pi)), 0.02)
+    assert abs(controller.fractions[2] + turned) < 0.003  # two samples, and a little of 5 mrad
