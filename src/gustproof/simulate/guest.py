@@ -221,7 +221,7 @@ def fly_guest(
         message=f"{flown} ({facts['reason']})" if facts["reason"] else flown,
         realtime_factor=facts["realtime_factor"],
         journal=journal,
-        autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"]},
+        autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"], "reason": facts["reason"]},
         estimates=estimates,
     )
 

@@ -58,6 +58,7 @@ def render_page(
         "name": re.sub(r"[^\w.-]+", "-", ", ".join(scenarios)),
     }
     described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
+    described += [f"{run.label}: {run.message}" for run in runs if not run.has_expected_outcome]
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""

@@ -38,10 +38,6 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
         (lambda path, _: [path / "nowhere"], "nowhere: no such folder"),
         (lambda path, _: [path], "no bag in it"),
         (
-            lambda _, recorded: [recorded("short", n=1)],
-            "1 of the 2 samples that a report needs; its flight ended as 'done'",
-        ),
-        (
             lambda _, recorded: [recorded("many", n=2)] * (MAX_RUNS + 1),
             f"{MAX_RUNS + 1} flights, a report shows at most {MAX_RUNS}",
         ),
