@@ -99,8 +99,8 @@ def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) 
     Raises
     ------
     ConfigError
-        If there is no build, another law is inside than the one that is to fly, the parameter file is wrong, the
-        vehicle has no frame of ArduPilot, or the scenario has another rate.
+        If there is no build, or one with another law inside than the one that is to fly. If the parameter file is
+        wrong, the vehicle has no frame of ArduPilot, or the scenario has another rate.
     """
     check_rate("ardupilot", ArduPilot.name, scenario)
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
