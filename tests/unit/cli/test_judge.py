@@ -122,6 +122,7 @@ def _tuned(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.traced
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
