@@ -198,6 +198,9 @@ def test_answers_are_found_in_noise() -> None:
     assert list(parse_answers(b"#$M>" + b"\x00\x65\x64")) == []
     assert list(parse_answers(b"noise" + answer + answer[:-1])) == [(101, b"\x07", 12)]
     assert list(parse_answers(answer + b"$M>\x00\x65\x65")) == [(101, b"\x07", 7), (101, b"", 13)]
+    whole = answer + answer
+    for size in range(len(whole)):  # a stream may be cut anywhere
+        assert [end for *_, end in parse_answers(whole[:size])] == [7] * (size >= 7)
     assert pack_request(101) == b"$M<\x00\x65\x65"
 
 
