@@ -198,6 +198,10 @@ def test_risk_of_the_truth_is_shared_out_whole(monkeypatch: pytest.MonkeyPatch) 
     found, _ = gaussian_box._truth_deg(flight, Fraction(1, 1000), box, rest)
     assert sum(spent) == Fraction(1, 1000)
     assert found == pytest.approx(TRUTH, rel=1e-8)
+    wide = [[100 * value for value in row] for row in box]
+    found, why = gaussian_box._truth_deg(flight, Fraction(1, 1000), wide, rest)
+    assert found is None
+    assert why == "the true attitude has no bound below a radian over this horizon"
 
 
 @pytest.mark.plain
