@@ -2,10 +2,13 @@ import gc
 import os
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 import coverage
 import pytest
 import typer.testing
+
+UNITS = Path(__file__).with_name("unit")
 
 gc.disable()  # up to the first test
 
@@ -22,6 +25,14 @@ def pytest_collection():
         gc.freeze()
         gc.set_threshold(50_000, 50)
         gc.enable()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Refuse a test that neither pass of the gate would run: the first takes plain ones from tests/unit alone."""
+    for item in items:
+        elsewhere = UNITS not in item.path.parents or any(map(item.get_closest_marker, ("compiled", "slow")))
+        if elsewhere and item.get_closest_marker("plain"):
+            raise pytest.UsageError(f"{item.nodeid}: marked plain, it would never run")
 
 
 def pytest_configure(config: pytest.Config) -> None:
