@@ -38,10 +38,7 @@ WITHOUT_KERNELS = (
 def pytest_collection_modifyitems(items):
     """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
     for item in items:
-        is_compiled = any(map(item.get_closest_marker, ("compiled", "slow")))
-        if is_compiled and item.get_closest_marker("plain"):
-            raise pytest.UsageError(f"{item.nodeid} is plain and compiled or slow: neither run takes it")
-        if _is_without_kernels(item.path) and not is_compiled:
+        if _is_without_kernels(item.path) and not any(map(item.get_closest_marker, ("compiled", "slow"))):
             item.add_marker("plain")
     # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
     items.sort(key=lambda item: 0 if _is_waiting(item.path) else 1 if item.get_closest_marker("slow") else 2)
