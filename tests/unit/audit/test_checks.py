@@ -130,6 +130,7 @@ def test_sound_peer_passes_every_test() -> None:
     assert [row for row in audit(Peer()) if row.verdict is not Verdict.PASSED] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("peer", "found"),
     [

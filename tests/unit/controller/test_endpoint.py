@@ -481,6 +481,7 @@ def test_any_datagram_is_survived(autopilot):
     assert autopilot.endpoint.channel.dropped[RejectReason.TRUNCATED] > 100
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
 def test_answers_are_the_same_on_the_fast_path_off_it_and_signed(law, monkeypatch):
     told, fast = [], []

@@ -127,6 +127,7 @@ def check(readings: Iterable[Readings]) -> None:
         assert messages[-1].get_type() == "HIL_SENSOR"
 
 
+@pytest.mark.compiled
 def test_peer_accepts_the_motion_that_a_spoiled_field_contradicts(motion: list[Readings]) -> None:
     check(motion)
 

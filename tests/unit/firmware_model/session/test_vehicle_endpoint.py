@@ -573,6 +573,7 @@ def test_any_datagram_is_survived_and_counted(lockstep):
     assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("scenario", ["calm", "link-delay"])
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):

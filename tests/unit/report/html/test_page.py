@@ -61,6 +61,7 @@ def numbers(page):
     return np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
 
 
+@pytest.mark.slow
 def test_the_curves_in_the_page_are_the_recording_s(runs, page):
     values, document = numbers(page), json.loads(script(page, "page-data"))
     (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
@@ -91,6 +92,7 @@ def test_the_tables_hold_figures_and_margins_of_each_flight(runs, page):
     assert page.count('scope="col">') == len(runs) + 9
 
 
+@pytest.mark.compiled
 def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
     """Roll is 2 degrees throughout: within 3, beyond 1."""
     turned = np.array([np.cos(np.radians(1.0)), np.sin(np.radians(1.0)), 0.0, 0.0])
@@ -126,6 +128,7 @@ def test_the_page_names_the_licence_of_what_it_carries(page):
     assert "Copyright (c) 2022 Leon Sorokin" in page
 
 
+@pytest.mark.compiled
 def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recorded):
     turned = [np.array([np.cos(angle), np.sin(angle), 0.0, 0.0]) for angle in (0.01, 0.03)]
     runs = read_runs(

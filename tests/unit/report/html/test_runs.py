@@ -24,6 +24,7 @@ def test_a_bag_itself_does_as_well_as_the_folder_around_it(recorded):
     assert [run.bag for run in read_runs([folder])] == [bag] == [run.bag for run in read_runs([bag])]
 
 
+@pytest.mark.compiled
 def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
     one, other = recorded("a", n=2), recorded("b", law="pid-fair", n=2)
     assert [run.label for run in read_runs([one, other])] == ["hinf-d1", "pid-fair"]
