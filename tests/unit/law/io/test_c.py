@@ -3,7 +3,6 @@ import shutil
 import subprocess
 from ctypes import CDLL, c_void_p
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from gustproof.law.form import Law, RateLimit, Schedule, list_laws, load_law
 from gustproof.law.io.c import c_name, c_unit, save_c
-from gustproof.law.step import STEEP, sparse_law, step
+from gustproof.law.step import STEEP, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC"]
@@ -31,12 +30,6 @@ BUILDS = {
 """Flags of builds that must give the bits."""
 STEPS = 100_000
 COUPLED = 12
-
-
-@pytest.fixture(autouse=True)
-def _sums_once_a_law(monkeypatch):
-    """Let `step` find a law's terms once, not at each of a hundred thousand steps."""
-    monkeypatch.setattr("gustproof.law.step.sparse_law", cache(sparse_law))
 
 
 def coupled_law() -> Law:
