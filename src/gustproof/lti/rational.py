@@ -131,7 +131,7 @@ def _has_positive_pivots(A: list[list[int]]) -> bool:
     """Return whether elimination (LDL^T) of a matrix below `A` proves it positive definite; if not, nothing is known.
 
     Numbers are rounded down to keep them short. That subtracts a symmetric matrix of order m with entries in [0, 1),
-    whose eigenvalues are above -m: with m subtracted from the diagonal too, the remainder is below the exact one.
+    whose eigenvalues are above -m. With m subtracted from the diagonal too, the remainder is below the exact one.
     """
     excess = max((value.bit_length() for row in A for value in row), default=0) - _BITS
     upper = [[value >> max(excess, 0) for value in row[k:]] for k, row in enumerate(A)]
