@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 
 import numba
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gustproof.certify.check.estimate_box import trigonometry
 from gustproof.law.form import Law, Schedule, list_laws, load_law
 from gustproof.law.step import (
     EXTRA_SIZE,
@@ -202,6 +204,12 @@ def test_at_a_steep_pitch_the_attitude_moves_by_the_exact_rotation(make_law: Mak
 def test_a_pitch_that_is_not_steep_moves_by_its_rates() -> None:
     assert turn_steep((0.1, STEEP, 0.3), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.004, (7.0, 8.0, 9.0)) == (7.0, 8.0, 9.0)
     assert turn_steep((0.1, -STEEP, 0.3), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.004, (7.0, 8.0, 9.0)) == (7.0, 8.0, 9.0)
+
+
+def test_no_proof_reaches_a_steep_pitch() -> None:
+    trigonometry([Fraction(1), Fraction(1)])
+    with pytest.raises(ValueError, match="must be"):
+        trigonometry([Fraction(0), Fraction(STEEP)])
 
 
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.0, -1.0, 0.02)])
