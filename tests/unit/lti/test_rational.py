@@ -75,6 +75,25 @@ def test_short_numbers_prove_only_what_is_definite(monkeypatch):
     assert 5 < proved < 30
 
 
+def test_short_numbers_prove_what_is_above_their_rounding(monkeypatch):
+    assert rational._has_positive_pivots([[2]])
+    assert not rational._has_positive_pivots([[1]])
+    near = 2**50 * np.array([[2**100, 2**100], [2**100, 2**100 + 1]], dtype=object)  # no double tells it from singular
+    assert rational._has_positive_pivots(near.tolist())
+    monkeypatch.setattr(rational, "_BITS", 4)
+    assert rational._has_positive_pivots([[1000, 0], [0, 500]])
+    assert not rational._has_positive_pivots([[1000, 0], [0, 50]])
+
+
+def test_minors_are_exact():
+    assert rational._has_positive_minors([[1, 0], [0, 1]])
+    assert not rational._has_positive_minors([[1, 1], [1, 1]])
+    large, c = 3**80, 10**30
+    for d in (c**2, c**2 + 1):  # the determinant is large * (d - c**2)
+        matrix = [[large, large, 0], [large, large + 1, c], [0, c, d]]
+        assert rational._has_positive_minors(matrix) == (d > c**2)
+
+
 def test_an_asymmetric_matrix_is_refused():
     with pytest.raises(ValueError, match="not symmetric"):
         is_positive_definite(to_rational([[1.0, 0.5], [0.25, 1.0]]))
