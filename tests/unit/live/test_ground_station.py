@@ -97,6 +97,7 @@ def test_torque_that_is_held_is_told_as_held(watched):
     tell(20_000, 20_000, 0.25)
     tell(40_000, 20_000, 0.25)
     tell(60_000, 60_000, 0.5)
+    tell(60_000, 60_000, 0.75)  # before t = 0 a sample repeats
     rows = watched.reader.read()["torque"]
     assert [row[:2] for row in rows] == [[0.02, 2.5], [0.04, 2.5], [0.06, 5.0]]
 
@@ -158,6 +159,69 @@ def test_in_lockstep_it_asks_for_no_stream_at_all():
     kept = {wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_ID_TIMESYNC, wire.MAVLINK_MSG_ID_COMMAND_ACK}
     assert set(watched.heard) <= kept
     assert len(watched.heard) < 12
+
+
+class Alone:
+    """A station to which the test speaks in the vehicle's place."""
+
+    def __init__(self) -> None:
+        self.buffer = TelemetryBuffer(texts=[])
+        self.station = GroundStation(VEHICLE, self.buffer, (10.0, 10.0, 10.0), streams=True)
+        self.say(wire.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3))
+        self.hear()
+
+    def say(self, *messages, now_us: int = 0, component: int = 1) -> None:
+        for message in messages:
+            self.station.receive(message.pack(wire.MAVLink(None, 1, component)), VEHICLE, now_us)
+
+    def hear(self, now_us: int = 0) -> list:
+        return [frame.message() for datagram, _ in self.station.poll(now_us) for frame in parse(datagram)]
+
+
+def test_it_finishes_once_nothing_more_comes_after_the_end():
+    alone = Alone()
+    alone.station.end()
+    for _ in range(2):
+        alone.say(wire.MAVLink_statustext_message(6, b"landed"))
+        alone.hear(4000)
+        assert not alone.station.finished
+    assert alone.station.deadline_us() == 4000 + 20_000
+    alone.hear(8000)
+    assert alone.station.finished
+    assert alone.buffer["texts"] == ["landed"] * 2
+
+
+def test_stream_that_is_not_shown_is_stopped_at_most_once_a_second():
+    alone, unwanted = Alone(), wire.MAVLink_attitude_message(0, *[0.0] * 6)
+    for now_us, stops in ((0, 1), (999_999, 0), (1_000_000, 1)):
+        alone.say(unwanted, unwanted, now_us=now_us)
+        requests = [message for message in alone.hear(now_us) if message.get_type() == "COMMAND_LONG"]
+        stopped = [request.param1 for request in requests if request.param2 == -1.0]
+        assert stopped == [wire.MAVLINK_MSG_ID_ATTITUDE] * stops
+
+
+def test_of_other_components_only_texts_are_shown():
+    alone = Alone()
+    alone.say(wire.MAVLink_heartbeat_message(18, 8, 128, 6, 4, 3), component=191)
+    alone.say(wire.MAVLink_statustext_message(6, b"in control"), component=191)
+    assert (alone.buffer["mode"], alone.buffer["armed"]) == ("0", False)
+    assert alone.buffer["texts"] == ["in control"]
+
+
+def test_wish_stands_until_its_parameter_has_the_value():
+    alone = Alone()
+    alone.station.set_parameter(GUST_SCALE_NAME, 2.0)
+    (wish,) = alone.hear()
+    assert (wish.param_id, wish.param_value) == (GUST_SCALE_NAME, 2.0)
+    for name, value, is_confirmed in (
+        ("OTHER", 2.0, False),
+        (GUST_SCALE_NAME, 1.0, False),
+        (GUST_SCALE_NAME, 2.0, True),
+    ):
+        alone.say(wire.MAVLink_param_value_message(name.encode(), value, 9, 2, 0))
+        assert alone.station.parameters_confirmed.is_set() is is_confirmed
+    assert alone.buffer["gust_scale"] == 2.0
+    assert set(alone.buffer.reader().read()["facts"]) == {"texts", "mode", "armed", "link", "gust_scale"}
 
 
 @pytest.mark.parametrize("datagram", [b"", b"\xfd", b"\xfe" * 40, bytes(300)])

@@ -122,6 +122,15 @@ def test_target_goes_to_the_law_inside_as_an_array(pilot: Pilot) -> None:
     assert pilot.deadline_us() == 60_000
 
 
+def test_target_goes_to_the_loops_of_a_guest_as_a_set_point() -> None:
+    pilot = Pilot(INSIDE._replace(array_name=""))
+    pilot.meet(1, 18570)
+    pilot.target = AttitudeTarget(0, LEVEL, None, 0.25)
+    _, target = sent(pilot, 40_000)
+    assert target.get_type() == "SET_ATTITUDE_TARGET"
+    assert (target.time_boot_ms, target.q, target.thrust, target.target_system) == (40, [*LEVEL], 0.25, 1)
+
+
 def test_only_the_guest_is_heard_and_what_is_no_frame_is_counted() -> None:
     pilot = Pilot(INSIDE)
     pilot.meet(1, None)
