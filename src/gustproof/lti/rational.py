@@ -192,12 +192,12 @@ def sqrt_upper_bound(x: Fraction) -> Fraction:
 
 def sin_upper_bound(x: Fraction) -> Fraction:
     """Return a number not below `sin x` for 0 <= x <= 1: the series ends with a positive term."""
-    return _alternating_sum(x, x, 1, 9)
+    return _alternating_sum(x, x, 9)
 
 
 def cos_lower_bound(x: Fraction) -> Fraction:
     """Return a number not above `cos x` for 0 <= x <= 1: the series ends with a negative term."""
-    return _alternating_sum(Fraction(1), x, 0, 10)
+    return _alternating_sum(Fraction(1), x, 10)
 
 
 def exp_lower_bound(x: Fraction) -> Fraction:
@@ -209,12 +209,12 @@ def exp_lower_bound(x: Fraction) -> Fraction:
     return Fraction(total, multiple)
 
 
-def _alternating_sum(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:
-    """Return the sum of `x^k / k!` with alternating signs, k = `power`, `power` + 2, ... `last`, by Horner's rule."""
+def _alternating_sum(first: Fraction, x: Fraction, last: int) -> Fraction:
+    """Return the sum of `x^k / k!` with alternating signs, from `first` to k = `last`, by Horner's rule."""
     if not 0 <= x <= 1:
         raise ValueError(f"argument is {float(x)}, must be in [0, 1]")
     total = multiple = 1  # integers, of the rest of the series over its first term
-    for k in range(last, power, -2):
+    for k in range(last, 1, -2):
         multiple *= k * (k - 1) * x.denominator**2
         total = multiple - x.numerator**2 * total
     return first * Fraction(total, multiple)
