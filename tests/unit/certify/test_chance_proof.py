@@ -172,6 +172,8 @@ def test_air_moves_the_loop_by_moment_and_turn_together(monkeypatch: pytest.Monk
         pairs = zip(axis.moment, axis.turn, strict=True)
         acceleration = [float(a / SYSTEM.inertia[i] + b) for a, b in pairs]
         assert rows[i, m + 2, m + 1 : m + 1 + len(acceleration)].tolist() == acceleration
+    for lag in (SYSTEM.dt / 3, 5 / SYSTEM.dt):  # near the ends of what a sample's series takes
+        gaussian_loop._stack(SYSTEM._replace(lag=lag), air)
     short = tuple(axis._replace(turn=axis.turn[:-1]) for axis in air.axes)
     with pytest.raises(ValueError, match="zip"):
         gaussian_loop._stack(SYSTEM, air._replace(axes=short))
