@@ -89,7 +89,8 @@ def test_a_law_that_diverges_before_any_search_is_one_clear_line_and_status_2(tm
 @pytest.mark.compiled
 @pytest.mark.traced
 def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp_path: Path):
-    huge = ("worst-case", "pid-fair", "--moment", "1e9,1e9,1e9", "--flights", "100", "--horizon", "1")
+    few = ("--flights", "100", "--horizon", "1")
+    huge = ("worst-case", "pid-fair", "--moment", "1e4,1e4,1e4", *few)
     result = run(*huge, "-o", str(tmp_path / "worst.toml"))
     assert result.exit_code == 0
     assert result.stdout.startswith("pid-fair: diverges within 1 s; found in ")
@@ -99,6 +100,9 @@ def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp
     assert json.loads(told)["peak_deg"] is None
     assert "NaN" not in told
     assert "Infinity" not in told
+    beyond = run("worst-case", "pid-fair", "--moment", "1e9,1e9,1e9", *few)
+    assert beyond.exit_code == 2
+    assert "before the search: the loop is unstable or the moment too large" in beyond.stderr
 
 
 @pytest.mark.compiled
