@@ -231,6 +231,16 @@ def figures_of_drift() -> Figures:
             truth_drift.blind_angles(of, unseen, 7),
         ],
     )
+    disturbance = Disturbance(unseen, slope, 48, Fraction(1, 128))
+    joint = truth_drift.Joint([value / 8 for value in off], [value / 16 for value in off[::-1]], Fraction(1, 512))
+    noise = truth_drift._noise(of, case, disturbance)
+    yield (
+        "joint",
+        [
+            truth_drift.truth_bound(of, case, box, disturbance, joint),
+            truth_drift._walk_error(of, case, noise, Fraction(1, 8), 48, joint.risk),
+        ],
+    )
 
 
 def figures_of_offset(output: str) -> Figures:
@@ -976,6 +986,10 @@ def test_an_offset_beyond_a_radian_is_refused_and_slow_ones_are_simulated_longer
     monkeypatch.setattr(attitude_offset, "bound_offset", bound)
     assert attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)[0][2][kernel_norms.X0] == 1
     assert simulated == [(2, 9), (4, 9), (8, 9), (8, 9)]
+    attitude_offset.strapdown_box(of, [], QUIET, box, disturbance._replace(steps=19), 8)
+    assert simulated[4:] == [(8, 19), (8, 14)]  # the middle is a number of samples
+    with pytest.raises(ValueError, match="zip"):
+        attitude_offset.strapdown_box(of, [], QUIET, box[:2], disturbance, 8)
     angle += Fraction(1, 10**9)
     with pytest.raises(Refusal, match="no bound below a radian"):
         attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
@@ -1027,10 +1041,14 @@ def made_run(left: float, cells: int = 2) -> tuple[attitude_offset._Run, kernel_
 
 
 @pytest.mark.parametrize("steps", [3, 7, 40])
-def test_norms_of_the_offset_are_those_of_its_formula(steps, monkeypatch):
-    """The module's text, written again: with numbers of which each is felt."""
-    (run, norms), samples, ulp, up = made_run(1e-5), 7, 2.0**-52, 1.0 + 2.0**-40
+@pytest.mark.parametrize(("up", "ulp"), [(1.0 + 2.0**-40, 2.0**-52), (2.0, 2.0**-36)])
+def test_norms_of_the_offset_are_those_of_its_formula(steps, up, ulp, monkeypatch):
+    """The module's text, written again: with numbers of which each is felt, the coarse ones for their roundings."""
+    (run, norms), samples = made_run(1e-5), 7
     monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+    monkeypatch.setattr(attitude_offset, "UP", up)
+    for module in (attitude_offset, kernel_norms):
+        monkeypatch.setattr(module, "_ULP", ulp)
     found = attitude_offset._sum_signals(loop(), norms, 0, samples, steps)
     defect = 21 * ulp * np.einsum("cij,cj->ci", np.abs(run.Phi), run.peak)
     reach = run.largest[:, :5] + run.first[:, :5]
@@ -1064,6 +1082,17 @@ def test_an_offset_of_which_much_is_left_or_rounded_is_refused(monkeypatch):
         rough = run._replace(peak=run.peak * np.array([[1.0], [2.0**28]]))  # the second cell alone
         with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
             found(rough, norms)
+        # both at equality, in a loop without rounding, and one beyond it
+        patch.setattr(attitude_offset, "UP", 1.0)
+        nothing = {name: 0.0 * getattr(run, name) for name in ("Phi", "first", "peak")}
+        last = 2.0**-12 * np.eye(5, 7)[None].repeat(2, axis=0)
+        exact = run._replace(**nothing, largest=np.ones((2, 7)), last=last)
+        patch.setattr(attitude_offset, "_SPARE", 8 * 2.0**-48)
+        patch.setattr(attitude_offset, "_MOST_LEFT", 2.0**-12)
+        assert found(exact, norms)
+        patch.setattr(attitude_offset, "_SPARE", 8 * 2.0**-48 * (1 - 2.0**-50))
+        with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
+            found(exact, norms)
     with pytest.raises(Refusal, match="of the offset is left: the loop is too slow"):
         found(run, norms)
 
