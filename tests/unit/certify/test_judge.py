@@ -1485,6 +1485,11 @@ def judged_system() -> dissipation._System:
         lambda: quadratic_constraints._real_form({}, {"D": [[1.0, 0.0], [0.0, 1.0]], "G": [[0.0, 0.0]]}),
         lambda: quadratic_constraints._real_form({}, {"D": [[1.0, 0.0], [0.0, 1.0]], "G": [[0.0], [0.0]]}),
         lambda: quadratic_constraints._repeat([ONE], ONE, PAIR, 1),
+        lambda: truth_drift.blind_angles(loop(), PAIR, 1),
+        lambda: truth_drift._over_inertia(loop(), PAIR * 2),
+        lambda: truth_drift._turn(PAIR, ONE, lambda *_: ONE),
+        lambda: truth_drift._turn([Fraction(1, 8)], [Fraction(1, 8)], lambda *_: PAIR),
+        lambda: truth_drift._tilt([Fraction(0)] * 3, PAIR * 2),
     ],
 )
 def test_no_row_is_compared_or_added_up_to_the_length_of_a_shorter_one(compare):
