@@ -26,6 +26,7 @@ from firmware_model.guest.guest import (
     GuestOptions,
     GuestOutcome,
     candidate_places,
+    check_law_inside,
     check_rate,
 )
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
@@ -98,16 +99,18 @@ def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) 
     Raises
     ------
     ConfigError
-        If there is no build, the parameter file is wrong, the vehicle has no frame of ArduPilot, or the scenario has
-        another rate.
+        If there is no build, or one with another law inside than the one that is to fly. If the parameter file is
+        wrong, the vehicle has no frame of ArduPilot, or the scenario has another rate.
     """
     check_rate("ardupilot", ArduPilot.name, scenario)
     extra = read_parameters(options.params, "ardupilot") if options.params else {}
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
     values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
-    guest = ArduPilot(find_build(options.build), options.folder, values, map_outputs(vehicle))
+    program = find_build(options.build)
+    guest = ArduPilot(program, options.folder, values, map_outputs(vehicle))
     guest.names = tuple(extra)
     if options.law:
+        check_law_inside(program, options.law)
         guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
     return guest
 

@@ -86,7 +86,7 @@ def pack_request(command: int) -> bytes:
 def parse_answers(received: bytes) -> Iterator[tuple[int, bytes, int]]:
     """Yield command, data and end of each whole MSP answer; noise and answers with a wrong sum are skipped."""
     start = received.find(b"$M>")
-    while start >= 0 and len(received) >= start + 6 + received[start + 3 : start + 4][0]:
+    while start >= 0 and len(received) >= start + 6 and len(received) >= start + 6 + received[start + 3]:
         end = start + 6 + received[start + 3]
         checked = 0
         for byte in received[start + 3 : end - 1]:
@@ -94,8 +94,6 @@ def parse_answers(received: bytes) -> Iterator[tuple[int, bytes, int]]:
         if checked == received[end - 1]:
             yield received[start + 4], received[start + 5 : end - 1], end
         start = received.find(b"$M>", end)
-        if len(received) < start + 4:
-            return
 
 
 def parse_status(data: bytes) -> Status:

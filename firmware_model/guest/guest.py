@@ -1,6 +1,7 @@
 """Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -163,6 +164,22 @@ def candidate_places(given: Path | None, variable: str, usual: Sequence[str]) ->
     """Return where to look for a build: where it is given, else where a variable says, else at the usual places."""
     stated = os.environ.get(variable)
     return [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in usual]
+
+
+def check_law_inside(program: Path, wanted: str) -> None:
+    """Refuse a build with another law inside than the one that is wanted, at whatever rate.
+
+    An exported folder leaves its law's name in the program; a build of an older export does not tell.
+
+    Raises
+    ------
+    ConfigError
+        If the program tells of another law.
+    """
+    told = re.search(rb"Law '([\w.-]+)' in (?:place|control)", program.read_bytes())
+    inside = told[1].decode() if told else wanted
+    if wanted not in (inside, re.sub(r"-[\d_]+hz$", "", inside)):
+        raise ConfigError(f"{program}: law '{inside}' is built into it, not '{wanted}'")
 
 
 def check_rate(autopilot: str, name: str, scenario: Scenario) -> None:

@@ -18,7 +18,15 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.child import ChildProcess
-from firmware_model.guest.guest import Dialect, GuestError, GuestOptions, GuestOutcome, candidate_places, check_rate
+from firmware_model.guest.guest import (
+    Dialect,
+    GuestError,
+    GuestOptions,
+    GuestOutcome,
+    candidate_places,
+    check_law_inside,
+    check_rate,
+)
 from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4 import SimulatorLink
@@ -71,7 +79,7 @@ def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px
     Raises
     ------
     ConfigError
-        If there is no build, or none with a law inside where one is to fly. If the parameter file is wrong, or PX4
+        If there is no build, or none with the law inside where one is to fly. If the parameter file is wrong, or PX4
         can't fly at the scenario's rate.
     """
     check_rate("px4", Px4.name, scenario)
@@ -80,8 +88,10 @@ def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px
     noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
     values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
     build = find_build(options.build)
-    if options.law and not (build / "bin" / f"px4-{_LAW_INSIDE}").exists():
-        raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
+    if options.law:
+        if not (build / "bin" / f"px4-{_LAW_INSIDE}").exists():
+            raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
+        check_law_inside(build / "bin" / "px4", options.law)
     px4 = Px4(build, options.folder, values, options.instance, real_time=options.real_time)
     px4.names = tuple(extra)
     if options.law:

@@ -342,8 +342,8 @@ class VehicleEndpoint:
             # The controller gets the mode with each sample, however long the script kept it silent.
             if self._state != self._announced_state:
                 self._send_heartbeat(now_us)
-            if link.sample is not None:
-                self._deliver(link.sample)
+            assert link.sample is not None  # sent, or taken from the link, before it is sent again
+            self._deliver(link.sample)
             return
         if self.flight.running:
             self._begin_sample(link, now_us)

@@ -10,7 +10,6 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 MOST_LINES = 150
 
 
-@pytest.mark.plain
 def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= MOST_LINES
 
@@ -26,7 +25,6 @@ def test_the_example_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> No
     assert errors["flagship"] < errors["pid-fair"] < 0.2 < errors["pid-default"]
 
 
-@pytest.mark.plain
 def test_figures_of_real_autopilots_are_those_of_their_page() -> None:
     page = (ROOT / "src" / "gustproof" / "guide" / "autopilots.md").read_text(encoding="utf-8")
     page = page.partition("## Their loops as laws")[0]

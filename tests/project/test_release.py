@@ -13,7 +13,6 @@ from packaging.version import Version
 
 from gustproof.version import __version__
 
-pytestmark = pytest.mark.plain
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 VERSIONS = ["3.11", "3.12", "3.13"]

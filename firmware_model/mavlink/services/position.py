@@ -28,9 +28,6 @@ def make_service(context: VehicleContext) -> Service:
         approach = (_UNKNOWN, _UNKNOWN, _UNKNOWN)
         return wire.MAVLink_home_position_message(*to_geodetic(place), *place, _LEVEL, *approach, context.stamp_us)
 
-    def origin() -> Message:
-        return wire.MAVLink_gps_global_origin_message(*to_geodetic((0.0, 0.0, 0.0)), context.stamp_us)
-
     def send_home(_: service.VehicleCommand, client: Client) -> service.CommandAck:
         client.send(home())
         return service.ACCEPTED
@@ -43,9 +40,14 @@ def make_service(context: VehicleContext) -> Service:
             wire.MAVLINK_MSG_ID_VFR_HUD: Stream(partial(_hud_message, context), 100_000),
             wire.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(partial(_gps_message, context), 200_000),
             wire.MAVLINK_MSG_ID_HOME_POSITION: Stream(home, 2_000_000),
-            wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Stream(origin),
+            wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Stream(partial(origin_message, context)),
         },
     )
+
+
+def origin_message(context: VehicleContext) -> Message:
+    """Return the place of the origin, which is fixed."""
+    return wire.MAVLink_gps_global_origin_message(*to_geodetic((0.0, 0.0, 0.0)), context.stamp_us)
 
 
 def heading(q_NB: Quaternion) -> float:

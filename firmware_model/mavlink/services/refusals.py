@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message, RejectReason
 from firmware_model.mavlink.peers import Client
+from firmware_model.mavlink.services.position import origin_message
 from firmware_model.mavlink.services.service import Service, VehicleContext
 from firmware_model.types import NEVER_US
 
@@ -53,9 +54,7 @@ def make_service(context: VehicleContext) -> Service:
         return reject("sticks not supported: use OFFBOARD")
 
     def reject_origin(_: Message, client: Client) -> RejectReason:
-        origin = context.services.streams[wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN].message()
-        if origin is not None:
-            client.send(origin)
+        client.send(origin_message(context))
         return reject("origin is fixed: request ignored")
 
     def reject_value(message: Message, client: Client) -> RejectReason:

@@ -8,6 +8,7 @@ import numpy as np
 
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from gustproof.controller.heading import SlowHeading
 from gustproof.entries.stepper import CheckedStepper
 from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
@@ -95,7 +96,7 @@ class Controller:
         self._references = deque(references)
         self._began_us = self._step_at_us = 0
         self._before: tuple[float, ...] = (0.0,) * 6
-        self._heading: float | None = None
+        self._heading: SlowHeading | None = None
 
     def answer(
         self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None
@@ -111,7 +112,7 @@ class Controller:
         if time_us > self.last_sample_us:
             if reset:
                 self._law.restart(attitude)
-                self._heading = attitude[2] if attitude else None
+                self._heading = SlowHeading(attitude) if attitude else None
                 self.last_sample_us = -1
                 self._began_us = time_us if self.interpolating else 0
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
@@ -121,12 +122,13 @@ class Controller:
         """Correct the law's attitude estimate slowly by the autopilot's [rad], `step_s` after the last correction.
 
         The autopilot knows gravity and north: a law that integrates the gyro alone drifts, faster where samples are
-        lost. Headings are taken from that of the start; without one there is no correction.
+        lost. The heading is that of a `SlowHeading`, from 0 at the start; without a start there is no correction.
         """
         if self._heading is not None:
-            roll, pitch, yaw = attitude
-            share = _CORRECTION_RATE * min(step_s, _LONGEST_CORRECTION_S)
-            self._law.correct((roll, pitch, yaw - self._heading), share, _LARGEST_CORRECTION)
+            step_s = min(step_s, _LONGEST_CORRECTION_S)
+            share = _CORRECTION_RATE * step_s
+            self._heading.correct(attitude, share, step_s)
+            self._law.correct((*attitude[:2], self._heading.turned), share, _LARGEST_CORRECTION)
 
     def command(self, time_us: int, fractions: Vector) -> Command:
         """Return `fractions` of `scale` as the command for the sample with this stamp."""
@@ -141,6 +143,8 @@ class Controller:
         before_us, self.last_sample_us = self.last_sample_us, time_us
         if time_us - before_us != self._sample_us and before_us >= 0:
             self.missed += max(round((time_us - before_us) / self._sample_us) - 1, 0)
+        if self._heading is not None:
+            self._heading.add(gyro_B, 1e-6 * (time_us - before_us))
         if self.interpolating:
             self._interpolate(before_us, time_us, (*gyro_B, *force_B))
         else:

@@ -501,6 +501,8 @@ class ControllerEndpoint:
 
     def _on_parameter(self, message: Message) -> None:
         name, value = message.param_id, messages.parse_parameter(message, bytewise=self._family.bytewise)
+        if not _is_usable(name, value):
+            return
         if name in self._family.fail_safe and self._piloted:
             self._fail_safe[name] = value
             if len(self._fail_safe) == len(self._family.fail_safe):
@@ -617,6 +619,11 @@ def _navigation(law: Flown) -> Mapping[int, int]:
         return _NAVIGATION
     attitude = wire.MAVLINK_MSG_ID_ATTITUDE
     return {attitude: _NAVIGATION[attitude]} if law.is_scheduled else {}
+
+
+def _is_usable(name: str, value: float) -> bool:
+    """Return whether the value of a parameter can be flown by; if not, it counts as not reported."""
+    return math.isfinite(value) and (name not in TORQUE_LIMIT_NAMES or value > 0.0)
 
 
 def _name(enumeration: str, value: int) -> str:

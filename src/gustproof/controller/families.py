@@ -93,9 +93,7 @@ def takes_thrust(parameters: Mapping[str, float | None]) -> bool:
 
 
 def describe_fail_safe(family: Family, values: Mapping[str, float]) -> str:
-    """Return the autopilot's own action when set-points stop, in words; empty if it has not reported all parameters."""
-    if len(values) < len(family.fail_safe):
-        return ""
+    """Return the autopilot's own action when set-points stop, in words, from all parameters of its fail-safe."""
     timeout_s, *action = (values[name] for name in family.fail_safe)
     then = "levels and holds its height"
     if action:

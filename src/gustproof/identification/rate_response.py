@@ -39,7 +39,8 @@ def command_response(
             h = until - now
             decay, fall = math.exp(-damping * h), math.exp(-h / lag)
             held = _decay_integral(0.0, decay, h, damping)
-            once, twice = _decay_integral(1.0 / lag, decay, h, damping), _decay_integral(2.0 / lag, decay, h, damping)
+            once = _decay_integral(1.0 / lag, decay, h, damping)
+            twice = _decay_integral(2.0 / lag, decay, h, damping) if square else 0.0
             for c in range(channels):
                 u, step = command[j, c], state[0, c] - command[j, c]
                 gained = (

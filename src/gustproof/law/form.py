@@ -10,6 +10,9 @@ are the exact Euler kinematics at the law's own estimates `E = x[0:3]` [rad] and
 a law is linear; `H` is its anti-windup. A law without accelerometer has no columns for gravity in B and D. PID,
 H-infinity and self-scheduled laws differ in these numbers only, so a comparison compares gains.
 
+At an estimated pitch beyond 60 deg Euler rates change much within a sample. There the angles of the exact rotation by
+`omega dt` take the place of `E + f dt` in `x+`, with pitch within a quarter turn. Proofs are for less pitch.
+
 `s` [rad/s] is the rate commanded from attitude; see `RateLimit`. Where it is within its limit, `e` is exactly 0 and the
 law is that of A to H alone. A law may have no such limit: then S, T, U and V are absent.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from firmware_model.numerics.compiled import compiled, find_cache, kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
+from firmware_model.numerics.rotations import from_euler, multiply
 from firmware_model.physics.sensors import float32
 from firmware_model.types import Vector
 from gustproof.law.form import ANGLES, BODY_RATES, GYRO_REFERENCE_SIZE, Law, Matrix, RateLimit, Schedule
@@ -28,6 +29,8 @@ count of the numbers after the states. A law that reads the accelerometer has ro
 law with a schedule its k outputs follow, and (k, k) numbers of work space."""
 _OFFSET, _LIMIT, _FACTOR, SCHEDULE_SIZE = 0, 1, 2, 3
 """Columns of `SparseLaw.schedule` before L: offset of the parameter in the vector, its limit, factor to [-1, 1]."""
+STEEP = math.pi / 3.0
+"""[rad] pitch beyond which the law's own attitude moves by the exact rotation; proofs are for less."""
 _NONE: Matrix = np.zeros((0, 0))
 TERM_BLOCK = 4
 """Each sum has a multiple of this many terms, so that four are added at once."""
@@ -53,6 +56,8 @@ class SparseLaw(NamedTuple):
     """(3,) [rad] attitude estimates that ask for these rates."""
     schedule: Matrix
     """(k, SCHEDULE_SIZE + k) parameters of a schedule, and its L; k is 0 without one."""
+    dt: float
+    """[s] sample time."""
 
 
 @lru_cache(maxsize=16)
@@ -86,7 +91,7 @@ def sparse_law(law: Law) -> SparseLaw:
     # Copied, as some of a law are read-only and some are not: kernels would be compiled for each of the two.
     limits, rates, attitude = law.limits.copy(), own.limits.copy(), law.attitude_limits.copy()
     kind = bool(np.any(law.G)), law.uses_accelerometer
-    return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n))
+    return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n), law.dt)
 
 
 def _rows_of_schedule(schedule: Schedule, n: int) -> Matrix:
@@ -117,7 +122,7 @@ def no_law() -> SparseLaw:
     """Return the terms of no law, of the types of a law's."""
     unused = np.full(3, np.inf)
     ends, schedule = np.zeros(3, dtype=np.int64), np.zeros((0, SCHEDULE_SIZE))
-    return SparseLaw(ends, np.zeros((1, 2)), False, False, unused, unused, unused, schedule)
+    return SparseLaw(ends, np.zeros((1, 2)), False, False, unused, unused, unused, schedule, 1.0)
 
 
 @kernel
@@ -142,7 +147,7 @@ def tilt(force: Any, attitude: Any) -> tuple[float, float]:
 def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
     """Return `T(E) omega` [rad/s], the exact ZYX Euler kinematics; `cos(theta)` is kept above 0.05 in magnitude.
 
-    The floor bounds the law near the singularity; within |theta| < 87 deg the kinematics are exact.
+    The floor bounds the law near the singularity, where `turn_steep` moves the attitude.
     """
     sin_phi, cos_phi = sin_cos(E[0])
     sin_theta, cos_theta = sin_cos(E[1])
@@ -150,6 +155,32 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
         cos_theta = 0.05 if cos_theta >= 0.0 else -0.05
     psi_dot = (sin_phi * omega[1] + cos_phi * omega[2]) / cos_theta
     return omega[0] + sin_theta * psi_dot, cos_phi * omega[1] - sin_phi * omega[2], psi_dot
+
+
+@kernel
+def turn_steep(E: Any, omega: Any, rates: Any, dt: float, after: Any) -> tuple[float, float, float]:
+    """Return `after` [rad], the next attitude of a law with kinematics, with those of a steep pitch put right.
+
+    Near the vertical Euler rates change much within a sample. So beyond `STEEP` the angles that a turn at `omega`
+    [rad/s] for `dt` [s] makes of `E` take the place of `E + dt rates`. The turn is Cayley's, short by `(|omega| dt)^3 /
+    12` rad. Beyond the vertical all three angles go on by half a turn, so that pitch is within a quarter turn.
+    """
+    if abs(E[1]) <= STEEP:
+        return after[0], after[1], after[2]
+    half = 0.5 * dt
+    turn = (1.0, half * omega[0], half * omega[1], half * omega[2])
+    w, x, y, z = multiply(from_euler(E[0], E[1], 0.0), turn)  # not of unit length: no angle depends on it
+    right, down = 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    phi = arctan2(right, down)
+    sine, cosine = sin_cos(phi)
+    theta = arctan2(2.0 * (w * y - x * z), right * sine + down * cosine)
+    psi = arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+    phi += math.floor((E[0] - phi) * (0.5 / math.pi) + 0.5) * (2.0 * math.pi)
+    return (
+        after[0] + (phi - E[0] - dt * rates[0]),
+        after[1] + (theta - E[1] - dt * rates[1]),
+        after[2] + (psi - dt * rates[2]),
+    )
 
 
 @kernel
@@ -237,6 +268,9 @@ def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None
     for i in range(n):
         work[i] = _sum(law.terms, begin, law.ends[k + 3 + i], z)
         begin = law.ends[k + 3 + i]
+    if law.is_scheduled:
+        E, omega, rates = (z[0], z[1], z[2]), (z[3], z[4], z[5]), (z[n + RATES], z[n + RATES + 1], z[n + RATES + 2])
+        work[0], work[1], work[2] = turn_steep(E, omega, rates, law.dt, (work[0], work[1], work[2]))
     for i in range(n):
         z[i] = work[i]
 
@@ -302,7 +336,7 @@ class LawStepper:
         self._ends, self._terms = summed.ends, np.vstack([summed.terms, rows.reshape(-1, 2)])
         self._kind = summed.is_scheduled + 2 * summed.is_levelled + 4 * len(rows)
         limits = summed.limits, summed.rate_limits, summed.attitude_limits
-        self._memory = np.concatenate([np.zeros(vector_size(summed, n) + n + 3), *limits, scale])
+        self._memory = np.concatenate([np.zeros(vector_size(summed, n) + n + 3), *limits, scale, [law.dt]])
         self._order, self._estimates = n, law.is_scheduled
 
     def restart(self, attitude: Vector | None = None) -> None:
@@ -339,14 +373,14 @@ class LawStepper:
 def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
          force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
     k = kind // 4
-    n = (memory.size - EXTRA_SIZE - k * (k + 1) - 15) // 2
+    n = (memory.size - EXTRA_SIZE - k * (k + 1) - 16) // 2
     end = n + EXTRA_SIZE + k * (k + 1)
     z, work, command, rest = memory[:end], memory[end : end + n], memory[end + n : end + n + 3], memory[end + n + 3 :]
-    limits, rate_limits, attitude_limits, scale = rest[:3], rest[3:6], rest[6:9], rest[9:]
+    limits, rate_limits, attitude_limits, scale = rest[:3], rest[3:6], rest[6:9], rest[9:12]
     z[n], z[n + 1], z[n + 2] = p, q, r
     z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2] = force_x, force_y, force_z
     schedule = terms[terms.shape[0] - k * (k + SCHEDULE_SIZE) // 2 :].reshape(k, k + SCHEDULE_SIZE)
     is_levelled = kind % 4 >= 2
-    law = SparseLaw(ends, terms, kind % 2 == 1, is_levelled, limits, rate_limits, attitude_limits, schedule)
+    law = SparseLaw(ends, terms, kind % 2 == 1, is_levelled, limits, rate_limits, attitude_limits, schedule, rest[12])
     law_kernel(law, z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

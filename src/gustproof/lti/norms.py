@@ -74,6 +74,24 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     return Peak(gain=peak.gain, omega=2.0 / G.dt * float(np.arctan(peak.omega * G.dt / 2.0)))
 
 
+def eigenvalues(A: Matrix) -> ComplexMatrix:
+    """Return the eigenvalues of a small real matrix; numpy's own function takes twice as long.
+
+    Raises
+    ------
+    ValueError
+        If `A` is not finite.
+    LinAlgError
+        If they did not converge.
+    """
+    if not A.size:
+        return np.zeros(0, dtype=np.complex128)
+    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(A), compute_vl=0, compute_vr=0)
+    if failed:
+        raise np.linalg.LinAlgError("the eigenvalues did not converge")
+    return np.asarray(real + 1j * imaginary)
+
+
 def h2_norm(system: LinearSystem) -> float:
     """Return the H2 norm: rms output for white noise of unit density (continuous) or unit variance a sample (discrete).
 
@@ -177,9 +195,7 @@ def _crossings(G: Lti, level: float) -> Matrix:
     n = G.order
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, G.B @ B, -G.C.T @ C, -A.T
-    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(H), compute_vl=0, compute_vr=0, overwrite_a=1)
-    if failed:
-        raise np.linalg.LinAlgError("the eigenvalues of the Hamiltonian did not converge")
-    size = np.hypot(real, imaginary)
-    on_axis = np.abs(real) <= _AXIS_TOLERANCE * size + 1e-13 * np.max(size)
-    return np.unique(np.abs(imaginary[on_axis]))
+    values = eigenvalues(H)
+    size = np.abs(values)
+    on_axis = np.abs(values.real) <= _AXIS_TOLERANCE * size + 1e-13 * np.max(size)
+    return np.unique(np.abs(values.imag[on_axis]))

@@ -11,6 +11,8 @@ from fractions import Fraction
 RationalMatrix = list[list[Fraction]]
 """A matrix by rows."""
 _ZERO = Fraction(0)
+_BITS = 192
+"""Length of the numbers with which definiteness is tried first."""
 
 
 def to_rational(rows: Iterable[Iterable[float | Fraction]]) -> RationalMatrix:
@@ -111,24 +113,53 @@ def is_symmetric(M: RationalMatrix) -> bool:
 def is_positive_definite(M: RationalMatrix) -> bool:
     """Return whether the symmetric matrix `M` is positive definite: a proof, not an estimate.
 
-    Scaling to integers keeps the signs of the leading principal minors. Bareiss's fraction-free elimination (LDL^T
-    without its divisions) then gives these minors one after the other. Cost: n^3 / 3 products of integers as long as
-    the minors, a tenth of a second at n = 31.
+    Elimination with numbers rounded so that each remainder only becomes smaller proves it in milliseconds. What that
+    cannot tell, exact elimination does, at n = 31 in a tenth of a second.
 
     Raises
     ------
     ValueError
         If `M` is not symmetric.
+    """
+    if not is_symmetric(M):
+        raise ValueError("the matrix is not symmetric")
+    A, _ = _integers(M)
+    return _has_positive_pivots(A) or _has_positive_minors(A)
+
+
+def _has_positive_pivots(A: list[list[int]]) -> bool:
+    """Return whether elimination (LDL^T) of a matrix below `A` proves it positive definite; if not, nothing is known.
+
+    Numbers are rounded down to keep them short. That subtracts a symmetric matrix of order m with entries in [0, 1),
+    whose eigenvalues are above -m. With m subtracted from the diagonal too, the remainder is below the exact one.
+    """
+    excess = max((value.bit_length() for row in A for value in row), default=0) - _BITS
+    upper = [[value >> max(excess, 0) for value in row[k:]] for k, row in enumerate(A)]
+    while upper:
+        for row in upper:
+            row[0] -= len(upper)
+        (pivot, *first), *others = upper
+        if pivot <= 0:
+            return False
+        upper = [
+            [value + -first[k] * right // pivot for value, right in zip(row, first[k:], strict=True)]
+            for k, row in enumerate(others)
+        ]
+    return True
+
+
+def _has_positive_minors(A: list[list[int]]) -> bool:
+    """Return whether all leading principal minors of `A` are positive; `A` is overwritten.
+
+    Bareiss's fraction-free elimination (LDL^T without its divisions) gives them one after the other. Cost: n^3 / 3
+    products of integers as long as the minors.
 
     References
     ----------
     E. H. Bareiss, Sylvester's identity and multistep integer-preserving Gaussian elimination, Mathematics of
     Computation 22 (1968), 565-578.
     """
-    if not is_symmetric(M):
-        raise ValueError("the matrix is not symmetric")
-    n, (A, _) = len(M), _integers(M)
-    previous = 1
+    n, previous = len(A), 1
     for k in range(n):
         pivot = A[k][k]
         if pivot <= 0:
@@ -161,12 +192,12 @@ def sqrt_upper_bound(x: Fraction) -> Fraction:
 
 def sin_upper_bound(x: Fraction) -> Fraction:
     """Return a number not below `sin x` for 0 <= x <= 1: the series ends with a positive term."""
-    return _alternating_sum(x, x, 1, 9)
+    return _alternating_sum(x, x, 9)
 
 
 def cos_lower_bound(x: Fraction) -> Fraction:
     """Return a number not above `cos x` for 0 <= x <= 1: the series ends with a negative term."""
-    return _alternating_sum(Fraction(1), x, 0, 10)
+    return _alternating_sum(Fraction(1), x, 10)
 
 
 def exp_lower_bound(x: Fraction) -> Fraction:
@@ -178,12 +209,12 @@ def exp_lower_bound(x: Fraction) -> Fraction:
     return Fraction(total, multiple)
 
 
-def _alternating_sum(first: Fraction, x: Fraction, power: int, last: int) -> Fraction:
-    """Return the sum of `x^k / k!` with alternating signs, k = `power`, `power` + 2, ... `last`, by Horner's rule."""
+def _alternating_sum(first: Fraction, x: Fraction, last: int) -> Fraction:
+    """Return the sum of `x^k / k!` with alternating signs, from `first` to k = `last`, by Horner's rule."""
     if not 0 <= x <= 1:
         raise ValueError(f"argument is {float(x)}, must be in [0, 1]")
     total = multiple = 1  # integers, of the rest of the series over its first term
-    for k in range(last, power, -2):
+    for k in range(last, 1, -2):
         multiple *= k * (k - 1) * x.denominator**2
         total = multiple - x.numerator**2 * total
     return first * Fraction(total, multiple)

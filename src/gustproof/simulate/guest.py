@@ -197,14 +197,14 @@ def fly_guest(
         If the build, the parameters or the scenario can't be flown, or a file exists already.
     """
     check_guest(plan.scenario)
-    find_build(plan.autopilot.kind, Path(plan.autopilot.build) if plan.autopilot.build else None)
+    build = find_build(plan.autopilot.kind, Path(plan.autopilot.build) if plan.autopilot.build else None)
     plan = plan._replace(scenario=scenario_for(plan.autopilot.kind, plan.scenario))
     out.mkdir(parents=True, exist_ok=True)
     journal, folder = out / f"{plan.name}.journal", out / f"{plan.name}.autopilot"
     if there := [path for path in (journal, folder) if path.exists()]:
         raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as inputs:
-        command = _write_inputs(plan, Path(inputs), journal, folder)
+        command = [*_write_inputs(plan, Path(inputs), journal, folder), "--build", str(build)]
         command += ["--tlog", str(journal.with_suffix(".tlog"))] if tlog else []
         facts = _watch(command, plan.scenario.samples, journal, progress, on_listening)
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
@@ -221,7 +221,7 @@ def fly_guest(
         message=f"{flown} ({facts['reason']})" if facts["reason"] else flown,
         realtime_factor=facts["realtime_factor"],
         journal=journal,
-        autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"]},
+        autopilot={**plan.autopilot.to_dict(), "flown": facts["autopilot"], "reason": facts["reason"]},
         estimates=estimates,
     )
 
@@ -241,7 +241,7 @@ def _write_inputs(plan: GuestPlan, inputs: Path, journal: Path, folder: Path) ->
     autopilot = plan.autopilot
     command += ["--autopilot", autopilot.kind, "--seed", str(plan.seed)]
     command += ["--journal", str(journal), "--folder", str(folder)]
-    options = {"--build": autopilot.build, "--params": autopilot.parameters, "--law": autopilot.law}
+    options = {"--params": autopilot.parameters, "--law": autopilot.law}
     for option, value in options.items():
         command += [option, value] if value else []
     command += [] if autopilot.instance is None else ["--instance", str(autopilot.instance)]

@@ -30,11 +30,13 @@ from gustproof.law.step import (
     RATES,
     SATURATION,
     SCHEDULE_SIZE,
+    STEEP,
     SparseLaw,
     euler_rates,
     rate_excess,
     share_of_limit,
     tilt,
+    turn_steep,
     vector_size,
 )
 from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
@@ -316,8 +318,26 @@ def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     for i in range(n):
         _sum(law.terms, begin, law.ends[k + 3 + i], z, work[i])
         begin = law.ends[k + 3 + i]
+    if law.is_scheduled:
+        _turn_steep(z, n, law.dt, work)
     for i in range(n):
         _move(work, i * LANES, z, i * LANES)
+
+
+@kernel
+def _turn_steep(z: Array, n: int, dt: float, work: Array) -> None:
+    """Put right the next attitude of flights that pitch steeply, mostly none."""
+    steep = False
+    for w in range(LANES):
+        steep |= abs(z[1, w]) > STEEP
+    if steep:
+        for w in range(LANES):
+            E, omega = (z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w])
+            rates, after = (
+                (z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w]),
+                (work[0, w], work[1, w], work[2, w]),
+            )
+            work[0, w], work[1, w], work[2, w] = turn_steep(E, omega, rates, dt, after)
 
 
 @kernel

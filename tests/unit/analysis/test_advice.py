@@ -45,6 +45,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "parameters", "slew"), CASES)
 def test_advice_that_is_followed_brings_what_it_says(kind, parameters, slew):
     law, found = advice(kind, parameters, slew)
@@ -83,6 +84,7 @@ def test_a_filter_s_cost_is_the_phase_that_the_loop_loses_by_it():
     assert f"costs {cost:.2g} deg of phase" in told.describe()
 
 
+@pytest.mark.slow
 def test_the_spoilt_filter_is_what_matters_most():
     _, found = advice("px4", {**TUNED, "IMU_DGYRO_CUTOFF": 2.0}, 20.0)
     changed = [each for each in found if each.changes]

@@ -15,7 +15,7 @@ from gustproof.report.terminal import save_text
 from gustproof.scoring.metrics import measure
 from gustproof.simulate.direct import fly_direct
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 VEHICLE = load_vehicle("paper")
 SHORT = replace(load_scenario("paper-turbulence"), duration_s=10.0)

@@ -136,6 +136,7 @@ def test_each_reason_names_what_is_beyond_its_threshold(judge):
     assert any(reason.endswith("a sample and 5 ms is 9 ms") for reason in reasons)
 
 
+@pytest.mark.traced
 def test_a_law_for_another_vehicle_is_unstable_and_has_no_figures(judge):
     found = judge("iris", load_law("pid-fair"), load_vehicle_set("iris"))
     assert (found.verdict, found.axes, found.predicted, found.gust) == (Verdict.UNSTABLE, (), None, None)
@@ -155,6 +156,7 @@ def test_unstable_within_the_spreads_alone_is_unstable(judge):
     assert found.worst_rmse_deg is None
 
 
+@pytest.mark.traced
 def test_what_is_sampled_is_not_called_proved(judge):
     found = judge("aided", load_law("aided"))
     assert (found.verdict, found.is_proved) == (Verdict.SOUND, False)

@@ -20,6 +20,7 @@ FIGURES = ("Ms", "gain_margin", "gain_reduction_margin", "delay_margin", "phase_
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 @pytest.mark.parametrize("name", ["pid-fair", "aided"])
 def test_the_price_of_a_law_is_that_of_its_analysis(name: str) -> None:
     law = load_law(name)
@@ -33,12 +34,14 @@ def test_the_price_of_a_law_is_that_of_its_analysis(name: str) -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_pilot_that_is_not_linear_is_told() -> None:
     weak = replace(load_law("pid-fair"), limits=np.array([0.5, 10.0, 10.0]))  # below the torque of the experiment
     assert measure_price(weak, PAPER, AIR, seeds=()).distortion > 0.02
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_an_unstable_loop_has_no_price() -> None:
     law = load_law("pid-fair")
     with pytest.raises(DesignError, match="'pid-fair' has no price on 'paper': in calm air the loop does not settle"):

@@ -76,6 +76,7 @@ def test_dispersions_are_those_of_a_campaign(sampling):
     np.testing.assert_allclose(placed, draw_deltas(sampling, 3, 100, 2, 5, 20), atol=1e-12)
 
 
+@pytest.mark.compiled
 def test_an_estimate_is_repeated_to_the_bit(planned, here, known, monkeypatch):
     monkeypatch.setattr("gustproof.campaign.rare.ENSEMBLES", 3)
     plan, event = planned(wanted=GUST, laws=("hinf-d1",), cases=1), Threshold("peak_deg", 2.0)

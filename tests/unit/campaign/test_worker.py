@@ -16,7 +16,7 @@ from gustproof.scoring.requirements import judge
 from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.pilots import fly_pilot
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 
 def flown(campaign, first=0, runs=12):

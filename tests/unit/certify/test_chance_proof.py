@@ -162,6 +162,24 @@ def test_every_rounding_of_the_deviations_counts(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.plain
+def test_air_moves_the_loop_by_moment_and_turn_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    air = read_air(AIR, VEHICLE, SYSTEM)
+    n = gaussian_loop._stack(SYSTEM, air)[0].shape[1]
+    monkeypatch.setattr(gaussian_loop, "_MOST_ORDER", n)
+    rows, m = gaussian_loop._stack(SYSTEM, air)[3:]
+    assert rows.shape == (3, m + 4, n)
+    for i, axis in enumerate(air.axes):
+        pairs = zip(axis.moment, axis.turn, strict=True)
+        acceleration = [float(a / SYSTEM.inertia[i] + b) for a, b in pairs]
+        assert rows[i, m + 2, m + 1 : m + 1 + len(acceleration)].tolist() == acceleration
+    for lag in (SYSTEM.dt / 3, 5 / SYSTEM.dt):  # near the ends of what a sample's series takes
+        gaussian_loop._stack(SYSTEM._replace(lag=lag), air)
+    short = tuple(axis._replace(turn=axis.turn[:-1]) for axis in air.axes)
+    with pytest.raises(ValueError, match="zip"):
+        gaussian_loop._stack(SYSTEM, air._replace(axes=short))
+
+
+@pytest.mark.plain
 def test_a_loop_that_diverges_or_is_too_large_and_a_risk_too_small_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     air, rows = read_air(AIR, VEHICLE, SYSTEM), [list(row) for row in SYSTEM.A]
     assert [loop_deviations(SYSTEM, air._replace(steps=steps)).samples for steps in (238, 239)] == [1, 2]
@@ -198,6 +216,10 @@ def test_risk_of_the_truth_is_shared_out_whole(monkeypatch: pytest.MonkeyPatch) 
     found, _ = gaussian_box._truth_deg(flight, Fraction(1, 1000), box, rest)
     assert sum(spent) == Fraction(1, 1000)
     assert found == pytest.approx(TRUTH, rel=1e-8)
+    wide = [[100 * value for value in row] for row in box]
+    found, why = gaussian_box._truth_deg(flight, Fraction(1, 1000), wide, rest)
+    assert found is None
+    assert why == "the true attitude has no bound below a radian over this horizon"
 
 
 @pytest.mark.plain

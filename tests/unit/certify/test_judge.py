@@ -5,6 +5,7 @@ the judge has a figure that moves with it. `python tests/unit/certify/test_judge
 change is meant; its commit says why.
 """
 
+import dataclasses
 import hashlib
 import json
 import math
@@ -228,6 +229,16 @@ def figures_of_drift() -> Figures:
             truth_drift.truth_bound(of, case, box, Disturbance(unseen, slope, 48, Fraction(1, 128))),
             truth_drift.truth_bound(of, still, box, Disturbance(zeros, zeros, 4, Fraction(0))),
             truth_drift.blind_angles(of, unseen, 7),
+        ],
+    )
+    disturbance = Disturbance(unseen, slope, 48, Fraction(1, 128))
+    joint = truth_drift.Joint([value / 8 for value in off], [value / 16 for value in off[::-1]], Fraction(1, 512))
+    noise = truth_drift._noise(of, case, disturbance)
+    yield (
+        "joint",
+        [
+            truth_drift.truth_bound(of, case, box, disturbance, joint),
+            truth_drift._walk_error(of, case, noise, Fraction(1, 8), 48, joint.risk),
         ],
     )
 
@@ -480,9 +491,39 @@ def test_a_series_has_as_many_terms_as_it_says():
             term *= x / k
             total += term
         assert rational.exp_lower_bound(x) == total
-    assert gaussian_loop._tail(Fraction(1, 2), Fraction(1)) == 1
     above = rational.exp_lower_bound(Fraction(1, 16)) - gaussian_loop._ROOT
     assert 0 <= above < Fraction(1, 1 << 96)
+
+
+def test_tails_are_known_beyond_one_deviation():
+    assert gaussian_loop._tail(Fraction(1, 2), Fraction(1)) == gaussian_loop._tail(Fraction(2), Fraction(2)) == 1
+    for z in (Fraction(5, 4), Fraction(3, 2), Fraction(2)):  # 8 z^2 is whole, but for the first
+        sixteenths = math.floor(8 * z * z)
+        below = Fraction(math.isqrt(sixteenths << 29), 1 << 16)
+        exact = Fraction(4, 5) / (below * gaussian_loop._ROOT**sixteenths)
+        assert gaussian_loop._tail(z, Fraction(1)) == rational.round_up(exact, 128)
+
+
+def float_tail(z: float) -> float:
+    return 0.8 * math.exp(-0.5 * z * z) / z
+
+
+def test_a_least_angle_is_found_by_halves_and_each_end_counts(monkeypatch):
+    one = [Fraction(1)]
+    with monkeypatch.context() as patch:
+        patch.setattr(gaussian_loop, "_tail", lambda *_: Fraction(0))
+        assert gaussian_loop.least_angle(one, 1, Fraction(float_tail(6.0))) == 6
+        step = 12.0 / 2**15  # a ten thousandth of the bound: the search ends
+        assert gaussian_loop.least_angle(one, 1, Fraction(float_tail(9999.25 * step))) == Fraction(10_000 * step)
+        found = float(gaussian_loop.least_angle(one, 50, Fraction(1, 1000)))
+        assert 50 * float_tail(found) <= 1e-3 < 50 * float_tail(found * (1.0 - 1e-4))
+    with monkeypatch.context() as patch:
+        patch.setattr(gaussian_loop, "_tail", lambda *_: Fraction(1, 100))
+        assert gaussian_loop.least_angle(one, 2, Fraction(1, 50)) < 12
+        with pytest.raises(Refusal, match="no bound of the air is known"):
+            gaussian_loop.least_angle(one, 2, Fraction(1, 51))
+    narrow, wide = (gaussian_loop.least_angle([sigma], 1, Fraction(1, 1000)) for sigma in (Fraction(1), Fraction(10)))
+    assert wide == pytest.approx(10 * narrow, rel=2e-3)
 
 
 def test_definiteness_of_small_and_odd_matrices():
@@ -506,6 +547,8 @@ def test_definiteness_of_small_and_odd_matrices():
             rational.add(*rows)
     with pytest.raises(ValueError, match="zip"):
         rational.transpose([[one, two], [one]])
+    with pytest.raises(ValueError, match="zip"):
+        rational.inverse([[one, two], [one]])
     with pytest.raises(ValueError, match="not finite"):
         rational.to_rational([[1.0, float("nan")]])
     for bound in (rational.sin_upper_bound, rational.cos_lower_bound):
@@ -657,13 +700,37 @@ def test_a_sample_too_long_for_the_series_is_refused(lag, refused):
         kernel_norms.sample_map(of._replace(dt=Fraction(5), damping=(Fraction(1, 8),) * 3), 0, 0.125)
 
 
+class Looked:
+    """A step of one of three states, which counts how often it is taken."""
+
+    shape = (1, 3, 3)
+
+    def __init__(self, size: float) -> None:
+        self.size, self.steps = size, 0
+
+    def __matmul__(self, x: Any) -> Any:
+        self.steps += 1
+        return np.concatenate([np.full_like(x[:, :1], self.size), x[:, 1:]], axis=1)
+
+
+@pytest.mark.parametrize(("size", "steps"), [(1e30, 65), (9e29, 200)])
+def test_a_loop_that_diverges_is_left_at_the_next_look(size, steps):
+    step, x = Looked(size), np.ones((1, 3, 5))
+    if size < 1e30:
+        kernel_norms._simulate(step, np.zeros(3), x, 200)
+    else:
+        with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
+            kernel_norms._simulate(step, np.zeros(3), x, 200)
+    assert step.steps == steps
+
+
 def last_of(left: float, peak: float = 1.0) -> tuple[Any, ...]:
     """Return sums of a loop of one state and two inputs, with `left` of a unit after one sample."""
     total, square = np.full((1, 4, 3), peak), np.ones((1, 4))
     return total, square, np.full((1, 1, 3), left), 1
 
 
-def test_tails_are_added_in_full_and_refused_if_they_are_large():
+def test_tails_are_added_in_full_and_refused_if_they_are_large(monkeypatch):
     nothing, centre = np.zeros((1, 1)), np.ones((1, 2))
     total, square, last, samples = last_of(1e-4)
     norms = kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, -2.0)
@@ -678,6 +745,15 @@ def test_tails_are_added_in_full_and_refused_if_they_are_large():
         else:
             with pytest.raises(Refusal, match=r"after 1 samples 0\.001 of a unit is left"):
                 kernel_norms._add_tails(total, square, last, samples, nothing, centre, centre, 0.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(kernel_norms, "_MOST_LEFT", kernel_norms.UP * 2.0**-10)
+        kernel_norms._add_tails(*last_of(2.0**-10), nothing, centre, centre, 0.0)
+    # a state that the rate never sees has a weight all the same
+    total = np.tile(np.array([1.0, 0.0, 2.0, 3.0, 4.0])[None, :, None], (1, 1, 4))
+    last = np.array([[[1e-5, 3e-5, 0.0, 0.0], [5e-14, 1e-5, 0.0, 0.0]]])
+    norms = kernel_norms._add_tails(total, total[:, :, 3], last, 1, np.zeros((1, 2)), centre, centre, 0.0)
+    left = np.array([1e-5 + 5e-5, 3e-5 + 1e4])
+    assert norms.entries[0, 2] == pytest.approx(2.0 + left * 2.0 / (1.0 - 6e-5), rel=1e-9)
     total, square, last, samples = last_of(0.0)
     two, units = np.ones((2, 5, 4)), np.ones((2, 2))
     uneven = np.array([[0.15, 0.1], [0.0, 0.0]])  # a quarter in the first cell, twice
@@ -715,6 +791,7 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
     refused({**law, "D": [[*row, 0.0, 0.0] for row in law["D"]]}, words="matrices of wrong shapes")
     refused({**law, "C": [row[:6] for row in law["C"]]}, words="matrices of wrong shapes")
     refused({**law, "C": law["C"][:2]}, words="matrices of wrong shapes")
+    refused({**law, "D": law["D"][:1]}, words="matrices of wrong shapes")
     refused({**law, "G": [row[:2] for row in law["G"]]}, words="matrices of wrong shapes")
     for name in "ST":
         for less in (law["rate_limit"][name][:2], [row[:-4] for row in law["rate_limit"][name]]):
@@ -852,6 +929,11 @@ def test_a_number_at_the_end_of_its_domain_is_taken(changes):
     some_claim(**changes)
 
 
+def test_the_least_risk_is_taken(monkeypatch):
+    monkeypatch.setattr(flight_box, "LEAST_RISK", Fraction(1, 1 << 40))  # its own value is no double
+    some_claim(risk=2.0**-40)
+
+
 def test_the_risk_is_shared_by_all_samples_and_signals(monkeypatch):
     counts = []
     monkeypatch.setattr(flight_box, "least_deviations", lambda count, risk: counts.append((count, risk)) or Fraction(1))
@@ -904,6 +986,10 @@ def test_an_offset_beyond_a_radian_is_refused_and_slow_ones_are_simulated_longer
     monkeypatch.setattr(attitude_offset, "bound_offset", bound)
     assert attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)[0][2][kernel_norms.X0] == 1
     assert simulated == [(2, 9), (4, 9), (8, 9), (8, 9)]
+    attitude_offset.strapdown_box(of, [], QUIET, box, disturbance._replace(steps=19), 8)
+    assert simulated[4:] == [(8, 19), (8, 14)]  # the middle is a number of samples
+    with pytest.raises(ValueError, match="zip"):
+        attitude_offset.strapdown_box(of, [], QUIET, box[:2], disturbance, 8)
     angle += Fraction(1, 10**9)
     with pytest.raises(Refusal, match="no bound below a radian"):
         attitude_offset.strapdown_box(of, [], QUIET, box, disturbance, 2)
@@ -955,10 +1041,14 @@ def made_run(left: float, cells: int = 2) -> tuple[attitude_offset._Run, kernel_
 
 
 @pytest.mark.parametrize("steps", [3, 7, 40])
-def test_norms_of_the_offset_are_those_of_its_formula(steps, monkeypatch):
-    """The module's text, written again: with numbers of which each is felt."""
-    (run, norms), samples, ulp, up = made_run(1e-5), 7, 2.0**-52, 1.0 + 2.0**-40
+@pytest.mark.parametrize(("up", "ulp"), [(1.0 + 2.0**-40, 2.0**-52), (2.0, 2.0**-36)])
+def test_norms_of_the_offset_are_those_of_its_formula(steps, up, ulp, monkeypatch):
+    """The module's text, written again: with numbers of which each is felt, the coarse ones for their roundings."""
+    (run, norms), samples = made_run(1e-5), 7
     monkeypatch.setattr(attitude_offset, "_simulate", lambda *_: run)
+    monkeypatch.setattr(attitude_offset, "UP", up)
+    for module in (attitude_offset, kernel_norms):
+        monkeypatch.setattr(module, "_ULP", ulp)
     found = attitude_offset._sum_signals(loop(), norms, 0, samples, steps)
     defect = 21 * ulp * np.einsum("cij,cj->ci", np.abs(run.Phi), run.peak)
     reach = run.largest[:, :5] + run.first[:, :5]
@@ -992,6 +1082,17 @@ def test_an_offset_of_which_much_is_left_or_rounded_is_refused(monkeypatch):
         rough = run._replace(peak=run.peak * np.array([[1.0], [2.0**28]]))  # the second cell alone
         with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
             found(rough, norms)
+        # both at equality, in a loop without rounding, and one beyond it
+        patch.setattr(attitude_offset, "UP", 1.0)
+        nothing = {name: 0.0 * getattr(run, name) for name in ("Phi", "first", "peak")}
+        last = 2.0**-12 * np.eye(5, 7)[None].repeat(2, axis=0)
+        exact = run._replace(**nothing, largest=np.ones((2, 7)), last=last)
+        patch.setattr(attitude_offset, "_SPARE", 8 * 2.0**-48)
+        patch.setattr(attitude_offset, "_MOST_LEFT", 2.0**-12)
+        assert found(exact, norms)
+        patch.setattr(attitude_offset, "_SPARE", 8 * 2.0**-48 * (1 - 2.0**-50))
+        with pytest.raises(Refusal, match="rounding spoils the norms of the offset"):
+            found(exact, norms)
     with pytest.raises(Refusal, match="of the offset is left: the loop is too slow"):
         found(run, norms)
 
@@ -1342,6 +1443,60 @@ def test_delta_has_no_more_channels_than_the_system(inputs, outputs):
         dissipation.gain_inequality(Fraction(1), evidence)
 
 
+def test_a_loop_may_have_one_channel_and_no_other_signal():
+    block = {"name": "v", "size": 1, "kind": "varying delay", "largest": 0.5, "X": [[1.0]]}
+    matrices = {"A": [[-1.0]], "B": [[0.5]], "C": [[1.0]], "D": [[0.0]]}
+    made = {"system": matrices, "coordinates": [[1.0]], "stability": [[1.0]], "blocks": [block]}
+    assert dissipation.stability_inequality(made).is_positive_definite()
+    (form,) = dissipation._System(made, Fraction(0)).constraint_terms([block])  # (p / 2 - x)^2 / 4 - p^2
+    assert form.middle == [[Fraction(1, 4), Fraction(-1, 8)], [Fraction(-1, 8), Fraction(-15, 16)]]
+
+
+ONE, PAIR = [Fraction(1)], [Fraction(1)] * 2
+SMALL = [[value / 64 for value in row] for row in some_box(10)]
+
+
+def judged_system() -> dissipation._System:
+    return dissipation._System(constrained_evidence(), Fraction(0))
+
+
+@pytest.mark.parametrize(
+    "compare",
+    [
+        lambda: estimate_box.check_box(loop(), QUIET, SMALL, SMALL[:2]),
+        lambda: estimate_box.check_box(loop(), QUIET, SMALL, [row[:-1] for row in SMALL]),
+        lambda: estimate_box._weigh(ONE, PAIR),
+        lambda: single_precision._weigh(ONE, PAIR),
+        lambda: single_precision._is_below([ONE], [ONE, ONE]),
+        lambda: single_precision._is_below([ONE], [PAIR]),
+        lambda: single_precision._is_rate_sum_exact(
+            loop(rate_limit=loop().rate_limit._replace(limits=(Fraction(100),) * 2)),
+            QUIET,
+            SMALL,
+            Form(frozenset(), Fraction(0), [Fraction(0)] * 9),
+        ),
+        lambda: dissipation.widen([PAIR, ONE], Fraction(1, 64)),
+        lambda: dissipation._join(ball([[1], [1]], [[0]]), ball([[1]], [[0]])),
+        lambda: dissipation._join(ball([[1]], [[0], [0]]), ball([[1]], [[0]])),
+        lambda: judged_system()._keep_zeros(ball([[1] * 8] * 8, [[0] * 8] * 5)),
+        lambda: judged_system()._keep_zeros(ball([[1] * 8] * 8, [[0] * 7] * 8)),
+        lambda: list(judged_system().constraint_terms(PARTS[:-1])),
+        lambda: evidence._check_multipliers(lag_evidence(), []),
+        lambda: quadratic_constraints._real_form({}, {"D": [[1.0, 0.0], [0.0, 1.0]], "G": [[0.0, 0.0]]}),
+        lambda: quadratic_constraints._real_form({}, {"D": [[1.0, 0.0], [0.0, 1.0]], "G": [[0.0], [0.0]]}),
+        lambda: quadratic_constraints._repeat([ONE], ONE, PAIR, 1),
+        lambda: truth_drift.blind_angles(loop(), PAIR, 1),
+        lambda: truth_drift._over_inertia(loop(), PAIR * 2),
+        lambda: truth_drift._turn(PAIR, ONE, lambda *_: ONE),
+        lambda: truth_drift._turn([Fraction(1, 8)], [Fraction(1, 8)], lambda *_: PAIR),
+        lambda: truth_drift._tilt([Fraction(0)] * 3, PAIR * 2),
+    ],
+)
+def test_no_row_is_compared_or_added_up_to_the_length_of_a_shorter_one(compare):
+    with pytest.raises(ValueError, match="zip"):
+        compare()
+
+
 def test_corners_of_slow_parameters_take_every_sign():
     assert list(dissipation.vertices(1)) == [((-1,), (-1,)), ((-1,), (1,)), ((1,), (-1,)), ((1,), (1,))]
     assert len(set(dissipation.vertices(2))) == 16
@@ -1392,11 +1547,14 @@ def test_forms_with_two_poles_are_those_of_their_formulas():
         (1, {"G": [[0.5]]}, "G of block r is not skew"),
         (1, {"size": 2, "D": [[1.0, 0.5], [0.5, 1.0]], "G": [[0.0, 0.5], [-0.5, 0.0]]}, None),
         (1, {"G": [[0.0], [0.0]]}, "scalings of block r do not have its size"),
+        (3, {}, None),
+        (3, {"X": [[1.0]]}, "X of block d does not have its size"),
+        (4, {"T": [0.0]}, "T of block c is not positive"),
         (0, {"causal": [[1.875, 0.0]]}, None),
         (0, {"causal": [[1.0, 1.4375]]}, None),
         (0, {"causal": [[1.0, 1.5]]}, "larger than the slope allows"),
         (0, {"odd": False}, "causal of block s is negative"),
-        (0, {"odd": False, "causal": [[0.25, 0.5]]}, None),
+        (0, {"odd": False, "causal": [[0.25, 0.0]]}, None),
         (
             0,
             {"odd": False, "poles": [0.5, 3.0], "causal": [[0.25, 0.5], [0.0, -0.25]]},
@@ -1687,6 +1845,23 @@ def test_a_file_is_sealed_and_holds_evidence_alone():
     for files in ({}, {"law": ""}, {"vehicle": ""}):
         assert "give both" in evidence.check_certificate(text, **files).reason
     assert "the law file is not the one" in evidence.check_certificate(text, law="", vehicle="").reason
+    chance = {"format": evidence.FORMAT, "evidence": {"kind": evidence.CHANCE}}
+    text, names = json.dumps({**chance, "seal": evidence.seal(chance)}), ("law", "vehicle", "scenario")
+    for missing in names:
+        files = {name: "" for name in names if name != missing}
+        assert "give all three" in evidence.check_certificate(text, **files).reason
+    assert "give all three" not in evidence.check_certificate(text, **dict.fromkeys(names, "")).reason
+
+
+def test_a_verdict_stands_and_is_asked_for_by_name():
+    with pytest.raises(TypeError, match="positional"):
+        evidence.check_certificate("", "law")
+    with pytest.raises(TypeError, match="positional"):
+        evidence.CheckResult(False, "refused")
+    found = evidence.check_certificate("")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.accepted = True
+    assert not hasattr(found, "__dict__")
 
 
 if __name__ == "__main__":

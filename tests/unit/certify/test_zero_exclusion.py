@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyval
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -254,10 +255,10 @@ def test_cells_hold_the_polynomials_of_every_lag_and_frequency(kind, width, lag_
         s, (beta, c) = 1j * (low + at * width), loop.lag_terms(lag_low * (1.0 + lag_at * lag_width))
         lines = (beta, 2.0 - beta), (b * beta, b * (2.0 - beta) - 2.0 * c)
         for disc, p, line in zip(discs, (loop.denominator, loop.numerator), lines, strict=True):
-            for k in range(count):
-                whole = np.convolve(np.array(p, dtype=np.float64), [line[0][k], line[1][k]])
-                value = np.polyval(whole if reverse else whole[::-1], s[k])
-                assert abs(value - disc.centre[k]) <= disc.by_frequency[k] + disc.by_lag[k]
+            first, second = (np.outer(np.array(p, dtype=np.float64), part) for part in line)
+            whole = np.vstack([first, np.zeros(count)]) + np.vstack([np.zeros(count), second])
+            values = polyval(s, whole[::-1] if reverse else whole, tensor=False)
+            assert np.all(np.abs(values - disc.centre) <= disc.by_frequency + disc.by_lag)
 
 
 def test_a_disc_of_a_line_holds_every_change_of_its_coefficients():

@@ -106,6 +106,7 @@ def flown(tmp_path, monkeypatch, second):
     return run_it
 
 
+@pytest.mark.compiled
 def test_a_flight_that_keeps_what_is_required_ends_with_0_and_says_by_what_margin(flown):
     result = flown(HEAD + LEVEL)
     assert result.exit_code == 0

@@ -27,6 +27,7 @@ def test_help_shows_how_to_fly_what_is_found():
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_what_is_found_is_printed_and_left_as_a_scenario(tmp_path: Path):
     path = tmp_path / "worst.toml"
     result = run(*SHORT, "-o", str(path))
@@ -42,6 +43,7 @@ def test_what_is_found_is_printed_and_left_as_a_scenario(tmp_path: Path):
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_changed_vehicle_is_left_beside_its_scenario(tmp_path: Path):
     short = ("worst-case", "hinf-scheduled", "--flights", "100", "--horizon", "2")  # a light vehicle is its worst
     result = run(*short, "--inertia-spread", "0.2", "--json", "-o", str(tmp_path / "worst.toml"))
@@ -75,6 +77,7 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], wo
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_law_that_diverges_before_any_search_is_one_clear_line_and_status_2(tmp_path: Path):
     replace(load_law("hinf-d1"), name="unstable", A=2.0 * np.eye(9)).save(tmp_path / "unstable.json")
     result = run("worst-case", str(tmp_path / "unstable.json"), "--flights", "100", "--horizon", "5")
@@ -84,8 +87,10 @@ def test_a_law_that_diverges_before_any_search_is_one_clear_line_and_status_2(tm
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp_path: Path):
-    huge = ("worst-case", "pid-fair", "--moment", "1e9,1e9,1e9", "--flights", "100", "--horizon", "1")
+    few = ("--flights", "100", "--horizon", "1")
+    huge = ("worst-case", "pid-fair", "--moment", "1e4,1e4,1e4", *few)
     result = run(*huge, "-o", str(tmp_path / "worst.toml"))
     assert result.exit_code == 0
     assert result.stdout.startswith("pid-fair: diverges within 1 s; found in ")
@@ -95,9 +100,13 @@ def test_a_flight_beyond_all_numbers_is_said_to_diverge_and_left_to_be_flown(tmp
     assert json.loads(told)["peak_deg"] is None
     assert "NaN" not in told
     assert "Infinity" not in told
+    beyond = run("worst-case", "pid-fair", "--moment", "1e9,1e9,1e9", *few)
+    assert beyond.exit_code == 2
+    assert "before the search: the loop is unstable or the moment too large" in beyond.stderr
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_law_of_another_vehicle_is_named():
     result = run("worst-case", "pid-fair", "--vehicle", "iris", "--flights", "100", "--horizon", "1", "--json")
     unstable, other = json.loads(result.stdout)["warnings"]

@@ -6,7 +6,8 @@ import pytest
 
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
-from gustproof.controller.core import Controller
+from gustproof.controller.core import Controller, sample_time
+from gustproof.entries.stepper import CheckedStepper
 from gustproof.law.form import Law, Output, Provenance
 
 
@@ -120,6 +121,65 @@ def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
     assert controller.missed == 4
 
 
+def test_estimate_without_a_start_is_not_corrected():
+    controller = Controller(integrator(), (1.0, 1.0, 1.0), 0.5)
+    controller._law.correct = lambda *_: pytest.fail("corrected")
+    controller.answer(sample(4000), reset=True)
+    controller.correct((0.1, 0.0, 0.0), 0.02)
+    controller._law.correct = lambda *told: corrections.append(told)
+    corrections: list[tuple] = []
+    controller.answer(sample(8000), reset=True, attitude=(0.0, 0.0, 0.5))
+    controller.correct((0.1, 0.2, 0.5), 0.02)
+    assert corrections == [((0.1, 0.2, 0.0), pytest.approx(0.01), 0.1)]
+
+
+class Counting:
+    """Commands the steps since its reset [N m], the rolls that it is to hold and gets, and changes what it is given."""
+
+    def reset(self) -> None:
+        self.steps = 0
+
+    def step(self, gyro, reference, force, dt):
+        self.steps += 1
+        command = np.array([self.steps, reference[0], gyro[0]])
+        gyro[:] = reference[:] = force[:] = math.nan
+        return command
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(("output", "most"), [(Output.TORQUE, 1.0), (Output.RATES, 1.5)])
+def test_entry_steps_with_the_reference_and_only_torques_are_bounded(output, most):
+    controller = Controller(
+        CheckedStepper("count", Counting(), output, 0.004), (2.0, 1.0, 1.0), 0.5, [(0, (0.25,) * 3)]
+    )
+    commands = []
+    for time_us, roll_rate in ((4000, 0.1), (8000, 0.2), (12_000, 0.3)):
+        controller.answer(sample(time_us, roll_rate))
+        commands.append(controller.fractions)
+    gyro = [float(np.float32(rate)) for rate in (0.1, 0.2, 0.3)]
+    assert commands == [(0.5, 0.25, gyro[0]), (1.0, 0.25, gyro[1]), (most, 0.25, gyro[2])]
+
+
+@pytest.mark.plain
+def test_entry_begins_afresh_where_it_is_given_and_keeps_its_own_attitude():
+    controller = Controller(CheckedStepper("count", Counting(), Output.TORQUE, 0.004), (10.0, 1.0, 1.0), 0.5)
+    steps = []
+    for time_us, reset in ((4000, False), (8000, False), (12_000, True), (16_000, False)):
+        controller.answer(sample(time_us), reset=reset, attitude=(0.1, 0.2, 0.3))
+        controller.correct((0.4, 0.0, 0.0), 0.02)
+        steps.append(round(10.0 * controller.fractions[0]))
+    assert steps == [1, 2, 1, 2]
+
+
+@pytest.mark.plain
+def test_entry_without_a_sample_time_is_not_flown():
+    entry = CheckedStepper("any", Counting())
+    with pytest.raises(ValueError, match="'any' has no sample time"):
+        Controller(entry, (1.0, 1.0, 1.0), 0.5)
+    entry.dt = 0.002
+    assert sample_time(entry) == 0.002
+
+
 def counter() -> Law:
     """u = roll rate of this sample, so that a command tells the sample that was stepped."""
     law = integrator(Output.RATES)
@@ -163,3 +223,23 @@ def test_references_of_an_interpolating_law_count_from_its_start():
     controller.interpolating = True
     asked = [controller.answer(sample(9_000_000 + 4000 * k), reset=k == 0).torque_B[0] for k in range(4)]
     assert asked == [0.25, 0.25, 0.5, 0.5]
+
+
+def test_heading_of_the_estimate_turns_with_the_gyro_and_ignores_a_wander():
+    I, O = np.eye(3), np.zeros((3, 3))  # noqa: E741
+    law = replace(
+        integrator(Output.RATES),
+        A=np.block([[I, O], [O, O]]),
+        B=np.block([[O, O], [I, O]]),
+        C=np.hstack([-I, O]),
+        G=np.vstack([0.004 * I, O]),
+        H=np.zeros((6, 3)),
+    )  # u = -E, of its own estimate
+    controller = Controller(law, (1.0, 1.0, 1.0), 0.5)
+    controller.answer(sample(4000, 0.0), reset=True, attitude=(0.0, 0.0, 3.0))
+    for k in range(2, 1502):
+        turned = 0.2 * 0.004 * (k - 1)
+        controller.step(4000 * k, (0.0, 0.0, 0.2), (0.0, 0.0, -9.8))
+        if k % 5 == 0:
+            controller.correct((0.0, 0.0, math.remainder(3.005 + turned, 2.0 * math.pi)), 0.02)
+    assert abs(controller.fractions[2] + turned) < 0.003  # two samples, and a little of 5 mrad

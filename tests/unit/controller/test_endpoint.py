@@ -1,5 +1,6 @@
 """The controller's endpoint on a virtual clock, against an autopilot that says what the test tells it to say."""
 
+import math
 import random
 import struct
 
@@ -18,6 +19,7 @@ from gustproof.controller.endpoint import (
     ControllerOutcome,
     Phase,
 )
+from gustproof.entries.stepper import CheckedStepper, StepFault
 from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
@@ -481,6 +483,7 @@ def test_any_datagram_is_survived(autopilot):
     assert autopilot.endpoint.channel.dropped[RejectReason.TRUNCATED] > 100
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
 def test_answers_are_the_same_on_the_fast_path_off_it_and_signed(law, monkeypatch):
     told, fast = [], []
@@ -757,6 +760,103 @@ def test_words_of_the_autopilot_and_its_fail_safe_are_told():
         "the autopilot reports: EKF variance",
         "if set-points stop, ArduPilot levels and holds its height after 3 s (GUID_TIMEOUT)",
     ]
+
+
+@pytest.mark.parametrize(("action", "name"), [(5, "Hold"), (99, "unknown"), (-1, "unknown")])
+def test_fail_safe_in_two_parameters_is_told_once_both_have_come(action, name):
+    told: list[str] = []
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(load_law("hinf-d1"), VEHICLE, report=told.append)
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(HOLD), *parameters(), imu(4000), imu(8000), imu(12_000))
+    before = len(told)
+    bytewise = struct.unpack("<f", struct.pack("<i", action))[0]
+    for value, kind, parameter in ((1.5, 9, b"COM_OF_LOSS_T"), (bytewise, 6, b"COM_OBL_RC_ACT")):
+        assert len(told) == before
+        autopilot.say(wire.MAVLink_param_value_message(parameter, value, kind, 2, 0))
+    fail_safe = f"enters its fail-safe: {name} (COM_OBL_RC_ACT {action}) after 1.5 s (COM_OF_LOSS_T)"
+    assert told[before:] == [f"if set-points stop, PX4 {fail_safe}"]
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_parameter_that_is_not_finite_counts_as_not_reported(number):
+    told: list[str] = []
+    autopilot = flying_ardupilot(told)
+    before = list(told)
+    autopilot.say(wire.MAVLink_param_value_message(b"GUID_TIMEOUT", number, 9, 2, 2))
+    assert told == before
+    other = Autopilot("hinf-rates")
+    read(other, mode=GUIDED, options=number)
+    other.now_us += RETRY_US
+    assert other.parameters_asked_for() == ["GUID_OPTIONS"]
+
+
+@pytest.mark.parametrize("limit", [0.0, -10.0])
+def test_torque_limit_that_is_not_positive_counts_as_not_reported(autopilot, limit):
+    autopilot.reach(Phase.READING)
+    autopilot.hear()
+    _, *others = parameters()
+    autopilot.say(wire.MAVLink_param_value_message(b"GP_TRQ_MAX_R", limit, 9, 5, 0), *others, imu(0))
+    autopilot.now_us += RETRY_US
+    assert autopilot.parameters_asked_for() == ["GP_TRQ_MAX_R"]
+
+
+def test_attitude_and_height_that_are_not_finite_are_not_flown_by():
+    answers = []
+    for is_told in (True, False):
+        autopilot = flying_ardupilot(correct_attitude=True)
+        autopilot.hear()
+        if is_told:
+            autopilot.say(
+                wire.MAVLink_attitude_message(1020, math.nan, 0.0, 0.0, 0.0, 0.0, 0.0),
+                position(1020, math.nan),
+                position(1040, 10.0, math.inf),
+            )
+        autopilot.say(imu(1_104_000), imu(1_108_000))
+        answers.append(list(map(str, setpoints(autopilot))))
+    assert answers[0] == answers[1]
+    assert len(answers[0]) == 2
+
+
+class Failing:
+    """A user's object that fails in its third step."""
+
+    def __init__(self, failure: float | Exception) -> None:
+        self._failure = failure
+
+    def reset(self) -> None:
+        self._steps = 0
+
+    def step(self, gyro, reference, force, dt):
+        self._steps += 1
+        if self._steps < 3:
+            return 0.1, 0.2, 0.3
+        if isinstance(self._failure, Exception):
+            raise self._failure
+        return self._failure, 0.0, 0.0
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize(
+    ("failure", "outcome", "words"),
+    [
+        (ValueError("too steep"), ControllerOutcome.RAISED, "step() raised ValueError: too steep"),
+        (math.inf, ControllerOutcome.NOT_FINITE, "step() returned inf, 0, 0 N m"),
+    ],
+)
+def test_entry_that_fails_in_flight_ends_it_by_its_name(failure, outcome, words):
+    autopilot = Autopilot()
+    autopilot.endpoint = ControllerEndpoint(CheckedStepper("mine", Failing(failure), dt=0.004), VEHICLE)
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000))
+    (answer,) = [message for message in autopilot.hear() if hasattr(message, "controls")]
+    assert answer.controls[:3] == pytest.approx([0.01, 0.02, 0.03])
+    autopilot.say(imu(8000))
+    assert autopilot.endpoint.outcome is outcome
+    assert autopilot.endpoint.message.startswith(f"controller 'mine': {words}")
+    assert autopilot.endpoint.failure is not None
+    assert autopilot.endpoint.failure.fault is StepFault(outcome.value)
+    assert "SET_ACTUATOR_CONTROL_TARGET" not in autopilot.names()
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from firmware_model.config.firmware import ardupilot_full_torque, px4_full_torque
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from firmware_model.guest.guest import check_law_inside
 from gustproof.export.folders import Firmware, firmware_folder, save_folder
 from gustproof.law.form import load_law
 from gustproof.law.io.c import Attitude
@@ -44,6 +45,14 @@ def test_readme_leads_from_export_to_flight_in_five_commands(firmware, make_fold
     assert 3 <= len(commands) <= 5
     assert "licence" in text
     assert "Tried with" in text
+
+
+@pytest.mark.parametrize("firmware", [Firmware.PX4, Firmware.ARDUPILOT])
+def test_source_holds_the_name_that_a_flight_looks_for(firmware, make_folder, tmp_path):
+    source = tmp_path / "source.cpp"
+    source.write_text(make_folder(firmware, "flagship")[SOURCES[firmware][0]])
+    with pytest.raises(ConfigError, match="law 'flagship"):
+        check_law_inside(source, "pid-fair")
 
 
 @pytest.mark.parametrize("law", ["flagship", "aided", "hinf-d1"])

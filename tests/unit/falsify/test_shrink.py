@@ -59,6 +59,7 @@ def shrunk(found: WorstCase, target_deg: float, **options) -> SmallestCase:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_only_what_does_the_harm_is_left() -> None:
     found, shown = flown(replace(VEHICLE, actuator_lag=0.055)), []
     small = shrunk(found, 0.5 * found.peak_deg, progress=shown.append)
@@ -74,6 +75,7 @@ def test_only_what_does_the_harm_is_left() -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_vehicle_that_matters_stays_and_flights_are_counted() -> None:
     found = flown(replace(VEHICLE, actuator_lag=0.09))
     assert shrunk(found, 0.999 * found.peak_deg).vehicle == found.vehicle
@@ -81,6 +83,7 @@ def test_a_vehicle_that_matters_stays_and_flights_are_counted() -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_turbulence_is_weakened_too() -> None:
     wind = Dryden(kind="dryden", wind_speed_20ft_mps=6.0, airspeed_mps=15.0)
     found = flown(moment=(), wind=(wind,))
@@ -89,6 +92,7 @@ def test_turbulence_is_weakened_too() -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_target_that_is_not_reached_is_refused() -> None:
     found = flown()
     with pytest.raises(ValueError, match=r"reaches .* deg, not 90 deg"):
@@ -96,6 +100,7 @@ def test_a_target_that_is_not_reached_is_refused() -> None:
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_a_controller_that_breaks_off_under_a_moment_is_found_and_shrunk(tmp_path: Path) -> None:
     (tmp_path / "bent.py").write_text(MAKER)
     entry = parse_entry(f"{tmp_path / 'bent.py'}:make")

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from typer.testing import CliRunner, Result
 
 import gustproof
@@ -144,7 +145,9 @@ def kind(line: str) -> str:
 LINES = list(dict.fromkeys(line for page in PAGES for line in commands(page)))
 BESIDE = {line for page in WALKED_BESIDE for line in commands(page, "")} | {each for each in LINES if "my-air" in each}
 LONGER = {line for line in LINES if any(each.startswith(f"{line} -o ") for each in LINES)} | {WITH_PNG}
-OURS = [line for line in LINES if not (line in BESIDE | LONGER | set(IN_ROOMS) or ELSEWHERE.search(line))]
+_RUN = (line for line in LINES if not (line in BESIDE | LONGER | set(IN_ROOMS) or ELSEWHERE.search(line)))
+OURS = list({adapted(line, *INSTEAD, *FEWER): line for line in _RUN}.values())
+"""Commands that are run here; once, if two pages show the same but for what is put in its place."""
 
 
 def cut_off(folder: Path) -> None:
@@ -201,6 +204,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(tuning, "_SLEWS", (0.5, 2.0))
     patch.setattr(tuning, "_PEAKS", (1.3, 1.6))
     patch.setattr(report_of_laws, "_FREQUENCIES", np.geomspace(1.0, 100.0, 50))
+    patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)  # half of a figure's time; its tests lay it out
     patch.setattr(judging, "_FLIGHTS", 100)
     patch.setattr(judging, "_SEARCH_S", 1.0)
     patch.setattr(judging, "_prove", lambda *_: (None, "left out"))  # as in the tests of judge, beside those of proofs

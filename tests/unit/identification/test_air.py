@@ -127,6 +127,7 @@ def test_the_wind_file_replays_the_moments(perfect, log_of, tmp_path):
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_the_scenario_has_the_turbulence_and_the_delay(perfect, log_of):
     found = replace(perfect(IRIS), delay=Interval(0.007, 0.008, 0.009))
     air = estimate_air(log_of(fly()), found, IRIS)

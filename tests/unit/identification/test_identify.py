@@ -249,6 +249,7 @@ def test_identification_predicts_and_repeats_its_bits(brief):
     assert np.all(np.diff(first.time) > 0.0)
 
 
+@pytest.mark.traced
 def test_measured_response_agrees_with_the_model(brief):
     found = identify(brief)
     seen = found.coherence > 0.9

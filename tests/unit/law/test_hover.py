@@ -13,6 +13,7 @@ from gustproof.law.hover import is_stable_at_hover
 PAPER, IRIS = load_vehicle("paper"), load_vehicle("iris")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list_laws())
 def test_is_stable_at_hover_of_each_shipped_law_in_each_scenario(name):
     law = load_law(name)

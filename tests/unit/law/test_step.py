@@ -3,14 +3,18 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 
 import numba
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from gustproof.certify.check.estimate_box import trigonometry
 from gustproof.law.form import Law, Schedule, list_laws, load_law
 from gustproof.law.step import (
     EXTRA_SIZE,
+    STEEP,
     TERM_BLOCK,
     LawStepper,
     euler_rates,
@@ -19,6 +23,7 @@ from gustproof.law.step import (
     sparse_law,
     step,
     tilt,
+    turn_steep,
 )
 
 Maker = Callable[..., Law]
@@ -177,6 +182,47 @@ def test_a_law_that_feels_force_is_not_stepped_without_it(make_law: Maker) -> No
 @pytest.mark.parametrize("theta", [math.pi / 2.0, -math.pi / 2.0, 1.6])
 def test_the_kinematics_stay_bounded_where_they_are_singular(theta: float) -> None:
     assert max(abs(rate) for rate in euler_rates((0.4, theta, 0.0), (1.0, 1.0, 1.0))) < 50.0
+
+
+@pytest.mark.parametrize("pitch_deg", [61.0, 80.0, 89.9999, 90.0, 100.0, -75.0, -90.0])
+def test_at_a_steep_pitch_the_attitude_moves_by_the_exact_rotation(make_law: Maker, pitch_deg: float) -> None:
+    law, rng, dt = make_law(), np.random.default_rng(6), 0.004
+    for x, y, omega in zip(rng.normal(size=(20, 7)), rng.normal(size=(20, 6)), rng.normal(size=(20, 3)), strict=True):
+        x[1], x[3:6] = math.radians(pitch_deg), 5.0 * omega
+        rates = np.array(euler_rates(x[:3], x[3:6]))
+        angles = turn_steep(x[:3], x[3:6], rates, dt, x[:3] + dt * rates)
+        turned = Rotation.from_euler("ZYX", x[2::-1]) * Rotation.from_rotvec(dt * x[3:6])
+        off = Rotation.from_euler("ZYX", angles[::-1]).inv() * turned
+        assert off.magnitude() <= np.linalg.norm(dt * x[3:6]) ** 3 / 12.0 + 1e-12
+        assert abs(angles[1]) <= math.pi / 2.0
+        assert abs(angles[0] - x[0]) <= math.pi
+        expected = step(replace(law, G=np.zeros((7, 3))), x, y)[0] + law.G @ rates
+        expected[:3] = turn_steep(x[:3], x[3:6], rates, dt, expected[:3])
+        np.testing.assert_allclose(step(law, x, y)[0], expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_pitch_that_is_not_steep_moves_by_its_rates() -> None:
+    assert turn_steep((0.1, STEEP, 0.3), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.004, (7.0, 8.0, 9.0)) == (7.0, 8.0, 9.0)
+    assert turn_steep((0.1, -STEEP, 0.3), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.004, (7.0, 8.0, 9.0)) == (7.0, 8.0, 9.0)
+
+
+def test_no_proof_reaches_a_steep_pitch() -> None:
+    trigonometry([Fraction(1), Fraction(1)])
+    with pytest.raises(ValueError, match="must be"):
+        trigonometry([Fraction(0), Fraction(STEEP)])
+
+
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.0, -1.0, 0.02)])
+def test_whole_turns_over_the_vertical_keep_the_attitude(axis: tuple[float, ...]) -> None:
+    law, dt = load_law("flagship"), 0.004
+    rate = 2.0 * math.pi * np.array(axis) / np.linalg.norm(axis)  # a turn a second
+    x, y = np.zeros(law.order), np.array([*rate, 0.0, 0.0, 0.0])
+    x[3:6], off = rate, []
+    for k in range(1, 501):
+        x, _ = step(law, x, y)
+        own = Rotation.from_euler("ZYX", x[2::-1])
+        off.append((own.inv() * Rotation.from_rotvec(k * dt * rate)).magnitude())
+    assert max(off) <= math.radians(0.5)
 
 
 @pytest.mark.parametrize("name", ["hinf-scheduled", "flagship", "aided", "pid-default"])

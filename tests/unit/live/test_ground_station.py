@@ -97,6 +97,7 @@ def test_torque_that_is_held_is_told_as_held(watched):
     tell(20_000, 20_000, 0.25)
     tell(40_000, 20_000, 0.25)
     tell(60_000, 60_000, 0.5)
+    tell(60_000, 60_000, 0.75)  # before t = 0 a sample repeats
     rows = watched.reader.read()["torque"]
     assert [row[:2] for row in rows] == [[0.02, 2.5], [0.04, 2.5], [0.06, 5.0]]
 
@@ -129,7 +130,7 @@ def test_wishes_are_repeated_until_the_vehicle_has_taken_them(watched):
 
 
 def test_pause_stands_and_goes_on(watched):
-    watched.run(1_000_000)
+    watched.run(300_000)
     for paused in (1.0, 0.0):
         watched.station.set_parameter(PAUSE_NAME, paused)
         watched.run(200_000)
@@ -140,9 +141,9 @@ def test_pause_stands_and_goes_on(watched):
 
 
 def test_refused_wish_is_given_up(watched):
-    watched.run(1_000_000)
+    watched.run(300_000)
     watched.station.set_parameter(GUST_SCALE_NAME, 7.0)
-    watched.run(500_000)
+    watched.run(300_000)
     assert watched.station.parameters_confirmed.is_set()
     assert watched.vehicle.parameters[GUST_SCALE_NAME] == 1.0
     assert any("out of range" in text for text in watched.feed["texts"])
@@ -160,16 +161,80 @@ def test_in_lockstep_it_asks_for_no_stream_at_all():
     assert len(watched.heard) < 12
 
 
+class Alone:
+    """A station to which the test speaks in the vehicle's place."""
+
+    def __init__(self) -> None:
+        self.buffer = TelemetryBuffer(texts=[])
+        self.station = GroundStation(VEHICLE, self.buffer, (10.0, 10.0, 10.0), streams=True)
+        self.say(wire.MAVLink_heartbeat_message(2, 12, 1, 0, 4, 3))
+        self.hear()
+
+    def say(self, *messages, now_us: int = 0, component: int = 1) -> None:
+        for message in messages:
+            self.station.receive(message.pack(wire.MAVLink(None, 1, component)), VEHICLE, now_us)
+
+    def hear(self, now_us: int = 0) -> list:
+        return [frame.message() for datagram, _ in self.station.poll(now_us) for frame in parse(datagram)]
+
+
+def test_it_finishes_once_nothing_more_comes_after_the_end():
+    alone = Alone()
+    alone.station.end()
+    for _ in range(2):
+        alone.say(wire.MAVLink_statustext_message(6, b"landed"))
+        alone.hear(4000)
+        assert not alone.station.finished
+    assert alone.station.deadline_us() == 4000 + 20_000
+    alone.hear(8000)
+    assert alone.station.finished
+    assert alone.buffer["texts"] == ["landed"] * 2
+
+
+def test_stream_that_is_not_shown_is_stopped_at_most_once_a_second():
+    alone, unwanted = Alone(), wire.MAVLink_attitude_message(0, *[0.0] * 6)
+    for now_us, stops in ((0, 1), (999_999, 0), (1_000_000, 1)):
+        alone.say(unwanted, unwanted, now_us=now_us)
+        requests = [message for message in alone.hear(now_us) if message.get_type() == "COMMAND_LONG"]
+        stopped = [request.param1 for request in requests if request.param2 == -1.0]
+        assert stopped == [wire.MAVLINK_MSG_ID_ATTITUDE] * stops
+
+
+def test_of_other_components_only_texts_are_shown():
+    alone = Alone()
+    alone.say(wire.MAVLink_heartbeat_message(18, 8, 128, 6, 4, 3), component=191)
+    alone.say(wire.MAVLink_statustext_message(6, b"in control"), component=191)
+    assert (alone.buffer["mode"], alone.buffer["armed"]) == ("0", False)
+    assert alone.buffer["texts"] == ["in control"]
+
+
+def test_wish_stands_until_its_parameter_has_the_value():
+    alone = Alone()
+    alone.station.set_parameter(GUST_SCALE_NAME, 2.0)
+    (wish,) = alone.hear()
+    assert (wish.param_id, wish.param_value) == (GUST_SCALE_NAME, 2.0)
+    for name, value, is_confirmed in (
+        ("OTHER", 2.0, False),
+        (GUST_SCALE_NAME, 1.0, False),
+        (GUST_SCALE_NAME, 2.0, True),
+    ):
+        alone.say(wire.MAVLink_param_value_message(name.encode(), value, 9, 2, 0))
+        assert alone.station.parameters_confirmed.is_set() is is_confirmed
+    assert alone.buffer["gust_scale"] == 2.0
+    assert set(alone.buffer.reader().read()["facts"]) == {"texts", "mode", "armed", "link", "gust_scale"}
+
+
 @pytest.mark.parametrize("datagram", [b"", b"\xfd", b"\xfe" * 40, bytes(300)])
 def test_rubbish_is_counted_and_nothing_else(watched, datagram):
-    watched.run(500_000)
+    watched.run(100_000)
     watched.station.receive(datagram, VEHICLE, watched.now_us)
     watched.station.receive(datagram, (0, ("stranger", 3)), watched.now_us)
     assert sum(watched.station.channel.dropped.values()) == (2 if datagram else 0)
 
 
+@pytest.mark.compiled
 def test_stranger_is_not_listened_to(watched):
-    watched.run(500_000)
+    watched.run(100_000)
     packer = wire.MAVLink(None, 1, 1)
     text = wire.MAVLink_statustext_message(6, b"all is well").pack(packer)
     watched.station.receive(text, (0, ("stranger", 3)), watched.now_us)

@@ -21,6 +21,7 @@ def records() -> np.ndarray:
     return fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"))
 
 
+@pytest.mark.compiled
 def test_read_log_of_a_bag_takes_what_was_measured_and_sent(tmp_path: Path, records: np.ndarray) -> None:
     bag = tmp_path / "run" / "flight"
     write_bag(bag, records, {})

@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from gustproof.lti import rational
 from gustproof.lti.rational import (
     cos_lower_bound,
     exp_lower_bound,
@@ -57,6 +58,40 @@ def test_definiteness_agrees_with_eigenvalues():
             S = rng.normal(size=(6, 6))
             S = S + S.T + shift * 3.0 * np.eye(6)
             assert is_positive_definite(to_rational(S.tolist())) == bool(np.linalg.eigvalsh(S)[0] > 0.0)
+
+
+def test_short_numbers_prove_only_what_is_definite(monkeypatch):
+    """The least eigenvalue is near 0, on either side, by more or less than the numbers can tell."""
+    rng, proved = np.random.default_rng(2), 0
+    monkeypatch.setattr(rational, "_BITS", 24)
+    for exponent in range(4, 40):
+        L = rng.integers(-9, 9, (4, 3))
+        for sign in (-1, 1):
+            middle = (2**40 * (L @ L.T) + sign * 2**exponent * np.eye(4, dtype=int)).tolist()
+            short = rational._has_positive_pivots(middle)
+            assert not short or sign > 0
+            assert rational.is_positive_definite(to_rational(middle)) is (sign > 0)
+            proved += short
+    assert 5 < proved < 30
+
+
+def test_short_numbers_prove_what_is_above_their_rounding(monkeypatch):
+    assert rational._has_positive_pivots([[2]])
+    assert not rational._has_positive_pivots([[1]])
+    near = 2**50 * np.array([[2**100, 2**100], [2**100, 2**100 + 1]], dtype=object)  # no double tells it from singular
+    assert rational._has_positive_pivots(near.tolist())
+    monkeypatch.setattr(rational, "_BITS", 4)
+    assert rational._has_positive_pivots([[1000, 0], [0, 500]])
+    assert not rational._has_positive_pivots([[1000, 0], [0, 50]])
+
+
+def test_minors_are_exact():
+    assert rational._has_positive_minors([[1, 0], [0, 1]])
+    assert not rational._has_positive_minors([[1, 1], [1, 1]])
+    large, c = 3**80, 10**30
+    for d in (c**2, c**2 + 1):  # the determinant is large * (d - c**2)
+        matrix = [[large, large, 0], [large, large + 1, c], [0, c, d]]
+        assert rational._has_positive_minors(matrix) == (d > c**2)
 
 
 def test_an_asymmetric_matrix_is_refused():

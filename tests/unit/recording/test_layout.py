@@ -50,6 +50,7 @@ def value_at(messages, path):
     return value
 
 
+@pytest.mark.slow
 def test_every_curve_of_plotjuggler_is_a_number_in_the_bag(messages):
     root = ElementTree.fromstring(read_layout(".xml"))
     paths = [curve.get("name") for curve in root.iter("curve")]

@@ -42,6 +42,7 @@ def test_euler_angles_are_drawn_in_degrees_against_seconds(drawn, tmp_path):
     assert all("[deg]" in axes.get_ylabel() for axes in drawn[0].axes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_a_figure_laid_out_first_has_the_bytes_of_matplotlibs(suffix, tmp_path):
     for kind, name in ((LaidOutFigure, "ours"), (partial(Figure, layout="constrained"), "matplotlib")):
@@ -148,6 +149,7 @@ def test_pgf_is_refused_before_anything_is_flown_where_no_tex_measures_text(tmp_
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "begin"),
     [pytest.param(".pdf", b"%PDF", marks=pytest.mark.slow), (".svg", b"<?xml"), (".png", b"\x89PNG")],

@@ -55,6 +55,7 @@ def test_settled_peak_leaves_out_the_first_two_seconds() -> None:
     assert figures(records[:500]).peak_settled_deg == figures(records).peak_deg  # nothing was flown after 2 s
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("turns", [1.0, -1.0, 2.5, -2.5, 200.0, -200.0])
 @pytest.mark.parametrize(("axis", "name"), [(0, "roll"), (2, "yaw")])
 def test_a_full_turn_of_roll_or_yaw_counts_as_360_degrees(axis, name, turns):
@@ -98,6 +99,7 @@ def test_rho_is_in_bounds_up_to_the_rate_of_table_ii(rate):
     assert peak_rate(records) == abs(rate)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("end_deg", [89.0, -89.0, 91.0, -91.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_turning_past_90_degrees_leaves_the_bounds(axis, end_deg):

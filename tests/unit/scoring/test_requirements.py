@@ -73,6 +73,7 @@ def test_a_window_has_its_first_sample_and_not_its_last(from_s, to_s, peak):
     assert result.value == pytest.approx(peak, rel=1e-9)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("limits", "margin", "held"),
     [
@@ -184,6 +185,7 @@ def test_what_is_asked_for_is_no_error():
     assert judged(records, metric="peak_deg").value == pytest.approx(10.0, rel=1e-9)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(("furthest", "percent"), [(-9.0, 0.0), (-10.0, 0.0), (-12.5, 25.0)])
 @pytest.mark.parametrize("at_s", [0.0, 1.0])
 def test_overshoot_is_the_part_of_the_step_beyond_the_new_reference(furthest, percent, at_s):

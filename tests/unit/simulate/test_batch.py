@@ -9,7 +9,7 @@ from firmware_model.config.events import ActuatorEffect, AttitudeReference, Gyro
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import NoiseTurn, list_scenarios, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
-from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep
+from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep, MomentStep
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.numerics.soa import loader, single
 from firmware_model.physics.ground import ground_params, ground_wrench
@@ -17,6 +17,7 @@ from firmware_model.physics.rigid_body import Body
 from firmware_model.sim.layout import X_BODY
 from firmware_model.sim.state import initial_state
 from gustproof.law.form import list_laws, load_law
+from gustproof.law.step import STEEP
 from gustproof.scoring.metrics import measure
 from gustproof.scoring.requirements import judge
 from gustproof.simulate.batch import Case, fly_many
@@ -112,6 +113,15 @@ def test_flights_of_a_scheduled_law_are_the_same_side_by_side(turn):
     limited = replace(law, rate_limit=replace(law.rate_limit, limits=np.full(3, 0.05)))
     for flown in (replace(law, rate_limit=None), limited):
         assert_same(SHORT, flown, cases(3, sway=2.0))
+
+
+@pytest.mark.compiled
+def test_flights_over_the_vertical_are_the_same_side_by_side():
+    kick = MomentStep(kind="step", amplitude_nm=(2.0, 17.0, 3.0), start_s=0.1)
+    scenario, law = replace(SHORT, duration_s=1.0, moment=(kick,)), load_law("flagship")
+    steep = fly_direct(scenario, law, vehicle=VEHICLE)["q_NB"]
+    assert np.max(np.abs(euler_angles(steep)[:, 1])) > STEEP
+    assert_same(scenario, law, cases(3))
 
 
 @pytest.mark.compiled

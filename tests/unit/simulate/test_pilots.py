@@ -8,6 +8,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import MomentStep
 from gustproof.entries import stepper
 from gustproof.entries.entry import parse_entry
 from gustproof.entries.library import load_library
@@ -135,7 +136,8 @@ def test_exported_c_flies_the_bits_of_its_law(tmp_path, compiler, name):
 @pytest.mark.compiled
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_exported_c_flies_in_lanes_with_the_bits_of_its_law(tmp_path, compiler, turn):
-    scenario = replace(SHORT, duration_s=1.0)
+    kick = MomentStep(kind="step", amplitude_nm=(2.0, 17.0, 3.0), start_s=0.1)  # over the vertical
+    scenario = replace(SHORT, duration_s=1.0, moment=(kick,))
     cases = [Case(vehicle=VEHICLE, seed=seed, gust_scale=0.1 * seed) for seed in range(40)]
     turned = turn(load_law("hinf-d1"), 0.1)  # linear at rest
     for law in (load_law("flagship"), turned, load_law("hinf-rates")):

@@ -42,6 +42,7 @@ def test_limits_are_kept_and_reached(tuning: AutopilotTuning) -> None:
         assert is_stable_at_hover(tuning.law, vehicle, script)
 
 
+@pytest.mark.traced
 def test_it_beats_gains_tuned_by_hand_at_their_price() -> None:
     shipped = {name: float(value) for name, value in read_parameters("tuned", "px4").items()}
     by_hand = predict(autopilot_law("px4", shipped, VEHICLES.nominal).law, VEHICLES.nominal, SCENARIO)

@@ -134,9 +134,9 @@ LEFT_DEG = {
     "flagship-robust": 4.0,
     "pid-fair": 4.0,
     "indi": 4.0,
-    "aided": 5.0,
-    "hinf-scheduled": 9.0,
-    "hinf-reference": 12.0,
+    "aided": 4.0,
+    "hinf-scheduled": 6.0,
+    "hinf-reference": 7.0,
 }
 """[deg] largest attitude error that a kick leaves. Gyros alone do not see what the law integrated wrongly; the last two
 have an estimate that leaks."""
@@ -190,18 +190,21 @@ def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
     assert np.max(kicks(name)[:, :8]) <= LEFT_DEG[name]
 
 
-@pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "aided"])
+@pytest.mark.parametrize("name", LEFT_DEG)
 def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
-    assert np.max(kicks(name)[:, 8:]) <= 5.0
+    assert np.max(kicks(name)[:, 8:]) <= LEFT_DEG[name] + 1.0
 
 
-@pytest.mark.parametrize("name", ["flagship", "hinf-scheduled"])
+@pytest.mark.parametrize("name", LEFT_DEG)
 def test_kicks_over_the_vertical_between_the_axes_are_recovered(name: str) -> None:
-    """Directions near pitch, where other laws keep turning; a law's own angles are least exact at the vertical."""
+    """Half of the directions are near pitch: there Euler angles of the vehicle turn fastest."""
     law, rng = load_law(name), np.random.default_rng(77)
-    for direction in rng.normal(scale=0.2, size=(24, 3)) + np.tile([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], (12, 1)):
-        moment = rng.uniform(15.0, 20.0) * direction / np.linalg.norm(direction)
-        assert left_deg(kicked(tuple(moment.tolist())), law, off_nominal()[:1]) <= [13.0]
+    for size, direction in zip((0.1, 0.2, 1.0, 2.0) * 12, ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)) * 24, strict=True):
+        moment = rng.normal(direction, size)
+        moment *= rng.uniform(15.0, 20.0) / np.linalg.norm(moment)
+        left = left_deg(kicked(tuple(moment.tolist())), law, off_nominal())
+        assert max(left[:8]) <= 5.0
+        assert max(left[8:]) <= 7.5
 
 
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "hinf-reference"])

@@ -28,7 +28,6 @@ from gustproof.lti.rational import (
     scale,
     to_rational,
     transpose,
-    zeros,
 )
 
 _BITS = 96
@@ -192,18 +191,17 @@ def rate_bounded_inequalities(
     free = exact(multiply(to_rational(evidence["Y"]), coordinates + system.p + system.w))
     for vertex, scalings in zip(vertices(len(slow)), evidence["vertices"], strict=True):
         signs = vertex.signs
-        P_rate = zeros(len(P[0]), len(P[0]))
+        rates = []
         for i, speed in enumerate(vertex.speeds):
             factor = speed * signs[i] * Fraction(evidence["blocks"][slow[i]]["speed"])
-            terms = (scale(sign_product(S, signs) * factor, term) for S, term in enumerate(P) if S >> i & 1)
-            P_rate = add(P_rate, *terms)
+            rates += [scale(sign_product(S, signs) * factor, term) for S, term in enumerate(P) if S >> i & 1]
         errors = Ball([], [])
         for block, sign in zip(slow, signs, strict=True):
             rows = system.rows[block]
             error = ball_sum(exact(system.p[rows]), _times(-sign, system.q(rows)))
             errors = Ball(errors.middle + error.middle, errors.radius + error.radius)
         cross = ball_product(_turned(errors), free)
-        storage = ball_sum(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(P_rate, system.x))))
+        storage = ball_sum(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(add(*rates), system.x))))
         yield _times(-1, ball_sum(storage, cross, _turned(cross), supply, *system.constraint_terms(scalings)))
 
 
@@ -346,7 +344,7 @@ def widen(A: RationalMatrix, share: Fraction) -> Ball:
     if not share:
         return exact(A)
     rows = [max(map(abs, row), default=Fraction(0)) for row in A]
-    columns = [max(map(abs, column), default=Fraction(0)) for column in zip(*A, strict=True)]
+    columns = [max(map(abs, column)) for column in zip(*A, strict=True)]
     return Ball(A, [[share * max(row, column) for column in columns] for row in rows])
 
 

@@ -62,7 +62,7 @@ def loop_deviations(system: LoopSystem, air: Air) -> Deviations:
         If a deviation grows without bound, or the law has too many states.
     """
     F, Q, P, rows, m = _stack(system, air)
-    n = F.shape[1]
+    n = rows.shape[2]
     size, outputs = np.abs(F), np.abs(rows)
     length = -(-(air.steps + 2) // _CHUNKS)
     peaks = np.zeros((_CHUNKS, 3, rows.shape[1]))
@@ -139,16 +139,16 @@ def _floats(rows: RationalMatrix) -> Array:
 def least_angle(sigmas: list[Fraction], samples: int, risk: Fraction) -> Fraction:
     """Return a bound that normal numbers of these deviations, `samples` of each, exceed with the risk at most."""
     floats = [float(value) for value in sigmas]
-    low, high = 0.0, 12.0 * max(floats)
+    low, high = 0.0, float(_FAR) * max(floats)
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)
-        ratios = [max(middle / value, 1e-3) for value in floats if value]
+        ratios = [middle / value for value in floats if value]
         total = sum(0.8 * math.exp(-0.5 * z * z) / z for z in ratios) * samples
         low, high = (low, middle) if total <= float(risk) else (middle, high)
     bound = Fraction(high)
     while samples * sum((_tail(bound, value) for value in sigmas), Fraction(0)) > risk:
         bound *= Fraction(1001, 1000)
-        if bound > 12 * max(sigmas):
+        if bound > _FAR * max(sigmas):
             raise Refusal(f"no bound of the air is known for a risk of {float(risk)}")
     return bound
 

@@ -91,7 +91,7 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     peak = np.max(peak, axis=2)  # of each state over all columns
     defect = unit_roundings(Phi, peak)
     # the demand is a sum of the states with a rounding of its own
-    slack = (Phi.shape[1] + 16) * _ULP * samples * (peak @ np.abs(demand))
+    slack = (len(demand) + 16) * _ULP * samples * (peak @ np.abs(demand))
     total[:, GAP:] += slack[:, None, None]
     return _add_tails(total, square, x, samples, defect, inverse_inertia, inverse_lag, demand_gyro)
 
@@ -108,7 +108,7 @@ def unit_loop(system: LoopSystem, axis: int) -> tuple[Array, Array]:
     """Return Phi of an axis by cell, and its states (cells, m, m + 2) after units of each state, of excess and gyro."""
     inverse_inertia, inverse_lag = _cells(system, axis)
     Phi, gyro = axis_loop(system, axis, inverse_inertia[:, 0], inverse_lag[:, 0])
-    own, m = range(axis, len(system.A), 3), Phi.shape[1]
+    own, m = range(axis, len(system.A), 3), gyro.shape[1]
     excess = np.zeros(m)
     excess[X0 : X0 + len(own)] = [float(system.G[i][axis]) for i in own]
     x = np.repeat(np.column_stack([np.eye(m), excess, excess])[None], len(Phi), axis=0)
@@ -118,7 +118,7 @@ def unit_loop(system: LoopSystem, axis: int) -> tuple[Array, Array]:
 
 def unit_roundings(Phi: Array, peak: Array) -> Array:
     """Return bounds (cells, m) of the rounding of a sample's step, for states within `peak` (cells, m)."""
-    defects: Array = (Phi.shape[1] + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
+    defects: Array = (peak.shape[1] + 16) * _ULP * (np.abs(Phi) @ peak[:, :, None])[:, :, 0]
     return defects
 
 

@@ -156,7 +156,7 @@ def _speed(system: LoopSystem, box: Box) -> Three:
     """Return bounds of |E'| [rad/s]; an angle above 1 rad raises ValueError."""
     rates = [row[PEAK_RATE] for row in box]
     # below 1 rad |E'| <= 2 |omega|
-    wide = [row[ANGLE] + 2 * system.dt * sum(rates, Fraction(0)) for row in box[:2]] + [Fraction(0)]
+    wide = [row[ANGLE] + 2 * system.dt * sum(rates, Fraction(0)) for row in box]  # of heading none is read
     return [rate + part for rate, part in zip(rates, excess(wide, rates), strict=True)]
 
 

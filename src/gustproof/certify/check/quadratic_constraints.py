@@ -243,7 +243,7 @@ def _read_impulses(block: dict[str, Any], name: str, values: Any) -> RationalMat
     rows = to_rational(values)
     if len(rows) != len(block["poles"]) or any(len(row) != block["size"] for row in rows):
         raise Refusal(f"{name} of block {block['name']} does not have the size of poles and channels")
-    if not block["odd"] and min(map(min, rows), default=Fraction(0)) < 0:
+    if not block["odd"] and any(value < 0 for row in rows for value in row):
         raise Refusal(f"{name} of block {block['name']} is negative, which only an odd function allows")
     return rows
 

@@ -20,7 +20,7 @@ from firmware_model.config.files import write_text
 from gustproof.law.form import ANGLES, BODY_RATES, GYRO_REFERENCE_SIZE, Law, Output, Schedule
 from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, single_number, split
-from gustproof.law.step import MEASURED_SIZE, schedule_factor, step
+from gustproof.law.step import MEASURED_SIZE, STEEP, schedule_factor, step
 from gustproof.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -52,6 +52,9 @@ _DOUBLE = {
     "zero": "0.0",
     "half": "0.5",
     "one": "1.0",
+    "two": "2.0",
+    "steep": repr(STEEP),
+    "euler_rate": "rates[n]",
     "turns": "0.15915494309189535",
     "turn": "6.283185307179586",
     "guard": (
@@ -66,6 +69,9 @@ _SINGLE = {
     "zero": "0.0f",
     "half": "0.5f",
     "one": "1.0f",
+    "two": "2.0f",
+    "steep": single_number(STEEP),
+    "euler_rate": "(x[3 + n] + rates[n])",
     "turns": "0.15915494f",
     "turn": "6.2831855f",
     "guard": (
@@ -74,8 +80,8 @@ _SINGLE = {
     ),
 }
 """The same in single precision."""
-_GROWING, _SHRINKING = np.geomspace(0.01, 100.0, 16), np.geomspace(10.0, 0.01, 8)
-"""Sizes of the inputs of the self-test, one a step: until limits are met, and while a limited rate turns back."""
+_GROWING, _SHRINKING = np.geomspace(0.01, 400.0, 16), np.geomspace(10.0, 0.01, 8)
+"""Sizes of the inputs of the self-test, one a step: until limits and a steep pitch are met; then rates turn back."""
 _PROTOTYPE = re.compile(r"^static (\w+ \w+\([^)]*\))$", re.MULTILINE)
 """Head of a function that a step calls."""
 _WIDTH = 120
@@ -176,22 +182,12 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
     if law.rate_limit is not None:
         kind += f" The rates commanded from attitude are within {_numbers(law.rate_limit.limits.tolist(), repr)} rad/s."
     made = f"{kind} Designed for vehicle '{law.provenance.vehicle}': {law.provenance.design}."
-    turns = law.is_scheduled or law.rate_limit is not None or law.uses_accelerometer
-    if writer.single is None:
-        made += " The arithmetic equals the flown law's to the bit."
-        is_exact = bool(np.any(law.G))
-        parts = {"absolute": is_exact or law.uses_accelerometer, "sin_cos": turns, "euler_rates": is_exact}
-    else:
-        made += " In single precision; sums of slow states carry a second float."
-        parts = {
-            "wide_sum": bool(writer.single.wide),
-            "sin_versine": turns,
-            "euler_excess": bool(np.any(law.G)),
-            "sin_cos_single": law.rate_limit is not None or law.schedule is not None,
-        }
-    parts |= {"half_tangent": writer.reads_angles}
-    parts |= {"rate_excess": law.rate_limit is not None, "tilt": law.uses_accelerometer}
-    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in parts.items() if needed)
+    made += (
+        " The arithmetic equals the flown law's to the bit."
+        if writer.single is None
+        else " In single precision; sums of slow states carry a second float."
+    )
+    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in _functions(writer).items() if needed)
     prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
     return _filled(
         "law.c.in",
@@ -210,6 +206,22 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "align": _align(writer, words, _ALIGN.split("*/")[1] + _ALIGN_BODY),
         },
     )
+
+
+def _functions(writer: "_Writer") -> dict[str, bool]:
+    """Return which functions the step calls, in the order of their definition."""
+    law, single = writer.law, writer.single
+    is_exact, is_limited = bool(np.any(law.G)), law.rate_limit is not None
+    turns = law.is_scheduled or is_limited or law.uses_accelerometer
+    if single is None:
+        feels = is_exact or law.uses_accelerometer
+        first = {"absolute": feels, "sin_cos": turns, "arctan2": feels, "euler_rates": is_exact}
+    else:
+        turned = is_exact or is_limited or law.schedule is not None
+        first = {"wide_sum": bool(single.wide), "sin_versine": turns, "euler_excess": is_exact}
+        first |= {"sin_cos_single": turned, "arctan2_single": is_exact}
+    more = {"half_tangent": writer.reads_angles, "turn_steep": is_exact}
+    return {**first, **more, "rate_excess": is_limited, "tilt": law.uses_accelerometer}
 
 
 def _kind(law: Law) -> str:
@@ -261,7 +273,7 @@ def _filled(template: str, words: dict[str, str]) -> str:
 def _self_test(writer: "_Writer") -> dict[str, str]:
     """Return inputs that grow from 0, with commands and last state while these are finite."""
     law, single = writer.law, writer.single
-    sizes = _GROWING if law.rate_limit is None else np.concatenate([_GROWING, _SHRINKING])
+    sizes = _GROWING if law.rate_limit is None and not np.any(law.G) else np.concatenate([_GROWING, _SHRINKING])
     inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), writer.measured)), 3)
     inputs[0] = 0.0
     x, last, commands = np.zeros(writer.rows), np.zeros(writer.rows), []
@@ -394,7 +406,7 @@ class _Writer(NamedTuple):
 
     def body(self) -> str:
         """Return the body of the step."""
-        lines = self._step()
+        lines = [*self._step(), *["turn_steep(x, rates, next);"] * bool(np.any(self.law.G))]
         whole = "\n".join([*lines, "y[" * (self.attitude is Attitude.AUTOPILOT), "x[" * (self.law.order > 0)])
         lines = [f"(void){array};" for array in ("x", "y") if f"{array}[" not in whole] + lines
         if self.law.order:
@@ -480,11 +492,12 @@ class _Writer(NamedTuple):
         limits = _numbers(self.law.limits.tolist(), self.number)
         rates = str(int(self.law.output is Output.RATES))
         facts = {**words, "limits": limits, "rates": rates, "label": json.dumps(self.law.name), "lanes": self._lanes()}
+        facts["alone"] = _filled("steep_lanes.c", words) if np.any(self.law.G) else ""
         parts = ("library", False), ("lanes", True)
         return "".join(self.filled(f"{name}.{suffix}.in", facts, lanes=lanes) for name, lanes in parts)
 
     def _lanes(self) -> str:
-        """Return the step of one of several flights: their numbers are in rows, `x[i][w]`."""
+        """Return the step of one of several level flights: their numbers are in rows, `x[i][w]`."""
         law, lines = self.law, self._step()
         text = re.sub(r"\b(x|y|command)\[(\d+)\]", r"\1[\2][w]", "\n".join(lines))
         text = re.sub(r"\b(rate_excess|euler_rates)\(x,", r"\1(own,", text).replace("(y + 6, x,", "(force, own,")

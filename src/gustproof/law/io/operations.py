@@ -1,7 +1,8 @@
 """Worst-case operations of a step in generated C, counted in its text.
 
-The text has no recursion, no unbounded loop, and no branch but choices between values. So each operator counts once for
-each time that its function is called or its loop runs; both sides of a choice count. The sum is reached or overcounted.
+The text has no recursion, no unbounded loop, and no branch but choices between values and early returns. So each
+operator counts once for each time that its function is called or its loop runs; both sides of a choice count. The sum
+is reached or overcounted.
 """
 
 import re

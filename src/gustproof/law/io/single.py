@@ -2,10 +2,12 @@
 
 Attitude, and every other state that nearly keeps its value from step to step, is held in two floats: what rounding
 loses is kept. Products in their sums are exact to 2^-36. All other sums are plain. Euler kinematics are computed as
-their excess over the body rates, which is small at small tilt, and so is its error.
+their excess over the body rates, which is small at small tilt, and so is its error. At a steep pitch, where no bound of
+rounding is proved, the exact rotation is in plain floats.
 
 References
 ----------
+S. L. Moshier, Cephes, atanf.c (polynomial of the arc tangent).
 T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18 (1971), 224-242.
 D. E. Knuth, The Art of Computer Programming 2, 4.2.2 (the sum of two floats and what it loses).
 """
@@ -17,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.law.form import ANGLES, BODY_RATES, Law, Schedule
-from gustproof.law.step import schedule_factor
+from gustproof.law.step import STEEP, schedule_factor
 
 Array = NDArray[Any]
 _F = np.float32
@@ -83,7 +85,23 @@ class SingleLaw:
             after = np.concatenate([_sums(matrix, values), np.zeros(len(self.wide), dtype=_F)])
             for k, i in enumerate(self.wide):
                 after[i], after[n + k] = _wide_sum(matrix[i], values, i, x[n + k], exact=n + 6)
+            if np.any(law.G) and abs(x[1]) > _F(STEEP):
+                after[:3] += self._turned(x) - _F(law.dt) * (x[3:6] + rates)
         return after, command
+
+    def _turned(self, x: Array) -> Array:
+        """Return how far (3,) [rad] a sample at the estimated rates turns the angles, by the exact rotation."""
+        a, b, c = _F(0.5) * _F(self.law.dt) * x[3:6]
+        (sin_phi, cos_phi), (sin_theta, cos_theta) = _sin_cos(_F(0.5) * x[0]), _sin_cos(_F(0.5) * x[1])
+        d, e, f, g = cos_phi * cos_theta, sin_phi * cos_theta, cos_phi * sin_theta, sin_phi * sin_theta
+        w, i = d - e * a - f * b + g * c, d * a + e + f * c + g * b
+        j, k = d * b - e * c + f - g * a, d * c + e * b - f * a - g
+        right, down, two = _F(2.0) * (j * k + w * i), w * w - i * i - j * j + k * k, _F(2.0)
+        phi = arctan2(right, down)
+        sine, cosine = _sin_cos(phi)
+        theta = arctan2(two * (w * j - i * k), right * sine + down * cosine)
+        psi = arctan2(two * (i * j + w * k), w * w + i * i - j * j - k * k)
+        return np.array([self.nearest(phi, x[0]) - x[0], theta - x[1], psi], dtype=_F)
 
     def nearest(self, angle: Array, to: Array) -> Array:
         """Return the angles [rad] whole turns from `angle` that are nearest to `to`."""
@@ -107,6 +125,20 @@ def sin_versine(x: np.float32) -> tuple[np.float32, np.float32]:
     return ((s, v), (one - v, one + s), (-s, two - v), (v - one, one - s))[quadrant]
 
 
+def arctan2(y: Any, x: Any) -> Any:
+    """Return the angle of (`x`, `y`) in [-pi, pi] [rad]; 0 where both are 0."""
+    a, b, one = abs(x), abs(y), _F(1.0)
+    larger, smaller = max(a, b), min(a, b)
+    upper = smaller > _F(0.41421357) * larger
+    t = (smaller - larger if upper else smaller) / (smaller + larger if upper else larger if larger > 0.0 else one)
+    z = t * t
+    p = ((_F(8.0537445e-2) * z - _F(1.3877686e-1)) * z + _F(1.9977711e-1)) * z - _F(3.3332950e-1)
+    angle = t + t * z * p + (_F(0.7853982) if upper else _F(0.0))
+    angle = _F(1.5707964) - angle if b > a else angle
+    angle = _F(3.1415927) - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
 def euler_excess(x: Array) -> Array:
     """Return the Euler rates (3,) [rad/s] minus the body rates at the estimates `x`."""
     (sin_phi, flat_phi), (sin_theta, flat_theta) = sin_versine(x[0]), sin_versine(x[1])
@@ -123,6 +155,11 @@ def euler_excess(x: Array) -> Array:
         ],
         dtype=_F,
     )
+
+
+def _sin_cos(x: np.float32) -> tuple[np.float32, np.float32]:
+    sine, versine = sin_versine(x)
+    return sine, _F(1.0) - versine
 
 
 def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:

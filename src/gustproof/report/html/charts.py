@@ -163,14 +163,15 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     Electroacoustics 15, 1967.
     """
     groups = []
+    flown = [(i, run) for i, run in enumerate(runs) if len(run.records) > 1]
     for title, axes, values in (history for history in _HISTORIES if history[0] in _SPECTRA):
-        found = [_spectrum(values(run), run.scenario.dt) for run in runs]
+        found = [_spectrum(values(run), run.scenario.dt) for _, run in flown]
         charts = []
         for k, axis in enumerate(axes):
             name, unit = axis.rstrip("]").split(" [")
             curves = [
                 Curve(label=run.label, colour=i, x=omega, y=density[:, k])
-                for i, (run, (omega, density)) in enumerate(zip(runs, found, strict=True))
+                for (i, run), (omega, density) in zip(flown, found, strict=True)
                 if np.all(density[:, k] > 0.0)
             ]
             label = f"{name} [{bracket_unit(unit)}²/(rad/s)]"

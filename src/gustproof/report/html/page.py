@@ -57,13 +57,12 @@ def render_page(
         "span": [0.0, max(len(run.records) * run.scenario.dt for run in runs)],
         "name": re.sub(r"[^\w.-]+", "-", ", ".join(scenarios)),
     }
-    described = [f"{run.scenario.name}: {run.scenario.description}" for run in runs]
     flown = ", ".join(dict.fromkeys(run.versions["gustproof"] for run in runs))
     thinned = max(len(run.records) for run in runs) > MAX_SAMPLES
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
         "title": escape(title or f"{shorten(scenarios)}: {shorten(dict.fromkeys(run.pilot_name for run in runs))}"),
-        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(described)),
+        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(_describe(runs))),
         "intro": intro,
         "first": '<a href="#verdict">Verdict</a> ' * bool(intro),
         "tiles": render_headline(runs),
@@ -73,6 +72,15 @@ def render_page(
         "footer": escape(f"Flown by gustproof {flown}, drawn by gustproof {__version__}.{shown}"),
     }
     return fill_page("page.html", parts | chart_parts(page, numbers, _SCRIPTS))
+
+
+def _describe(runs: Sequence[ReportRun]) -> Iterable[str]:
+    """Yield what was to be flown, and how each flight ended that did not fly all of it."""
+    for run in runs:
+        yield f"{run.scenario.name}: {run.scenario.description}"
+    for run in runs:
+        if not run.has_expected_outcome:
+            yield f"{run.label}: {run.message}"
 
 
 def chart_parts(page: Mapping[str, Any], numbers: "NumberBlock", scripts: Iterable[str]) -> dict[str, str]:

@@ -34,7 +34,7 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
     Raises
     ------
     ConfigError
-        If a folder holds no bag, a bag is unreadable or has less than two samples, or there are more than `MAX_RUNS`.
+        If a folder holds no bag, a bag is unreadable, or there are more than `MAX_RUNS`.
     """
     bags = [bag for path in paths for bag in find_bags(path)]
     if len(bags) > MAX_RUNS:
@@ -45,9 +45,6 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
 
 
 def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
-    if len(records) < 2:
-        ended = f"its flight ended as {about.get('outcome')!r}"
-        raise ConfigError(f"{bag}: {len(records)} of the 2 samples that a report needs; {ended}")
     if about.get("law", ...) is None and not (about.get("autopilot") or about.get("controller")):
         raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
     scenario, pilot, vehicle, seed, _ = parse_metadata(about, bag)
@@ -60,7 +57,9 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
     if pilot is None:
         parse_autopilot(about["autopilot"], bag)
         flown |= {"autopilot": about["autopilot"], "estimates": read_estimate_topics(bag)}
-    said: dict[str, Any] = {"outcome": outcome, "message": outcome.value, "timing": timing, "versions": versions}
+    reason = (flown.get("autopilot") or {}).get("reason")
+    message = f"{outcome.value} ({reason})" if reason else outcome.value
+    said: dict[str, Any] = {"outcome": outcome, "message": message, "timing": timing, "versions": versions}
     return ReportRun(**flown, **said, label=label, bag=bag, records=records)
 
 

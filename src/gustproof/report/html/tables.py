@@ -113,8 +113,10 @@ def _own_views(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]
 
 
 def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
-    for label, cells, unit in figure_rows({str(i): run.metrics for i, run in enumerate(runs) if run.metrics}):
-        yield f"{label} [{unit}]" if unit else label, cells
+    measured = {str(i): run.metrics for i, run in enumerate(runs) if run.metrics}
+    for label, cells, unit in figure_rows(measured):
+        by_run = dict(zip(measured, cells, strict=True))
+        yield f"{label} [{unit}]" if unit else label, [by_run.get(str(i), "") for i in range(len(runs))]
     yield from _own_views(runs)
     for name, label in _PACE.items():
         yield label, [str((run.timing or {}).get(name, "")) for run in runs]

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from gustproof.lti.norms import Peak
+from gustproof.lti.norms import Peak, eigenvalues
 from gustproof.lti.state_space import ComplexMatrix, Lti, Matrix
 
 _ACCURACY = 1e-8
@@ -131,7 +131,7 @@ def _closed_matrices(plant: AugmentedPlant, M: Matrix) -> tuple[Matrix, Matrix, 
 
 def abscissa(A: Matrix) -> float:
     """Return the largest real part of an eigenvalue [rad/s]; infinite if `A` is not finite."""
-    return float(np.max(np.linalg.eigvals(A).real)) if np.all(np.isfinite(A)) else np.inf
+    return float(np.max(eigenvalues(A).real)) if np.all(np.isfinite(A)) else np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +162,7 @@ class PoleMeasure:
         """Return the largest measure of an eigenvalue; infinite if `A` is not finite."""
         if not np.all(np.isfinite(A)):
             return np.inf
-        return float(np.max(self.of(np.linalg.eigvals(A).astype(np.complex128))[0], initial=-np.inf))
+        return float(np.max(self.of(eigenvalues(A))[0], initial=-np.inf))
 
 
 def pole_slopes(A: Matrix, B2: Matrix, C2: Matrix, measure: PoleMeasure, near: float) -> list[Slope]:
@@ -188,7 +188,7 @@ def loop_peak(loop: ClosedLoop, warm: list[float]) -> Peak:
     """
     if not np.all(np.isfinite(loop.A)):
         return Peak(gain=np.inf, omega=0.0)
-    poles = np.linalg.eigvals(loop.A)
+    poles = eigenvalues(loop.A)
     if not np.max(poles.real) < -_ROUNDING * np.max(np.abs(poles)):
         return Peak(gain=np.inf, omega=0.0)
     best = Peak(gain=_feedthrough(loop), omega=np.inf)
@@ -260,7 +260,7 @@ def crossings(loop: ClosedLoop, level: float) -> Matrix:
     n = A.shape[0]
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, Q, -N, -A.T
-    values = np.linalg.eigvals(H)
+    values = eigenvalues(H)
     size = np.abs(values)
     found = values[np.abs(values.real) <= _ON_AXIS * size + 1e-13 * np.max(size)]
     return np.unique(np.abs(found.imag)) if found.size else found.real

@@ -79,6 +79,7 @@ def test_law_inside_is_switched_on_before_the_scenario(
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 @pytest.mark.parametrize(("translation", "fault"), [("held", "repeat"), ("free", "wide")])
 def test_peer_finds_no_fault_and_flies_the_scenario(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, translation: str, fault: str

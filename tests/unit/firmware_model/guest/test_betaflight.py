@@ -171,6 +171,7 @@ def test_sticks_are_clipped_and_pitch_is_nose_down() -> None:
 def test_pilot_arms_once_no_refusal_is_left_and_holds_the_heading() -> None:
     pilot = SticksPilot()
     pilot.meet(0, 9004)
+    assert pilot.poll(0) == []  # nothing to follow
     pilot.wants_flight, pilot.target = True, AttitudeTarget(0, from_euler(0.0, 0.0, 0.1), None, 0.5)
 
     def sticks() -> tuple[float, ...]:
@@ -181,6 +182,8 @@ def test_pilot_arms_once_no_refusal_is_left_and_holds_the_heading() -> None:
     def status(boxes: int, flags: int) -> bytes:
         return struct.pack("<HHHIBHHBBIBHB", 125, 0, 0, boxes, 0, 0, 0, 0, 29, flags, 0, 0, 4)
 
+    pilot.receive(b"$M>", (0, ("127.0.0.1", 9004)), 0)
+    assert pilot.channel.dropped == {}
     assert sticks() == (1500, 1500, 1000, 1500, 1000)
     pilot.hear(parse_status(status(2, 1 << 7)))
     assert pilot.texts[-1] == "it does not arm: throttle"
@@ -191,6 +194,8 @@ def test_pilot_arms_once_no_refusal_is_left_and_holds_the_heading() -> None:
     assert pilot.is_armed
     assert pilot.is_in_mode
     assert sticks() == (1500, 1500, 1500, 1514, 2000)
+    pilot.observe(from_euler(0.3, 0.2, 0.05))
+    assert sticks() == (1500, 1500, 1500, 1507, 2000)
 
 
 def test_answers_are_found_in_noise() -> None:
@@ -198,6 +203,9 @@ def test_answers_are_found_in_noise() -> None:
     assert list(parse_answers(b"#$M>" + b"\x00\x65\x64")) == []
     assert list(parse_answers(b"noise" + answer + answer[:-1])) == [(101, b"\x07", 12)]
     assert list(parse_answers(answer + b"$M>\x00\x65\x65")) == [(101, b"\x07", 7), (101, b"", 13)]
+    whole = answer + answer
+    for size in range(len(whole)):  # a stream may be cut anywhere
+        assert [end for *_, end in parse_answers(whole[:size])] == [7] * (size >= 7)
     assert pack_request(101) == b"$M<\x00\x65\x65"
 
 

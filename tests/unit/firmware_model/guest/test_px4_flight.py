@@ -7,6 +7,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from runpy import run_path
@@ -21,7 +22,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest import px4_process
 from firmware_model.guest.__main__ import main
-from firmware_model.guest.guest import GuestOptions
+from firmware_model.guest.guest import GuestOptions, check_law_inside
 from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
@@ -126,6 +127,7 @@ def check(readings: Iterable[Readings]) -> None:
         assert messages[-1].get_type() == "HIL_SENSOR"
 
 
+@pytest.mark.compiled
 def test_peer_accepts_the_motion_that_a_spoiled_field_contradicts(motion: list[Readings]) -> None:
     check(motion)
 
@@ -203,6 +205,23 @@ def test_build_without_a_law_inside_is_refused(tmp_path: Path) -> None:
     )  # fmt: skip
     with pytest.raises(ConfigError, match="no law is built into it"):
         px4_process.make_px4(options, load_scenario(options.scenario), load_vehicle("paper"))
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "refusal"),
+    [
+        ("Law 'flagship' in place of the attitude and rate loops", "flagship", ""),
+        ("Law 'flagship-400hz' in control", "flagship", ""),
+        ("Law 'flagship-333_3hz' in control", "flagship", ""),
+        ("Law 'flagship' in control", "pid-fair", "law 'flagship' is built into it, not 'pid-fair'"),
+        ("Law 'flagship-400hz' in control", "flagship-200hz", "not 'flagship-200hz'"),
+        ("law '%s' holds level", "flagship", ""),
+    ],
+)
+def test_law_inside_is_the_one_that_is_wanted(tmp_path: Path, text: str, wanted: str, refusal: str) -> None:
+    (tmp_path / "px4").write_bytes(b"\x7fELF\0" + text.encode() + b"\0")
+    with pytest.raises(ConfigError, match=refusal) if refusal else nullcontext():
+        check_law_inside(tmp_path / "px4", wanted)
 
 
 @pytest.mark.parametrize("below", ["", "build/px4_sitl_default"])

@@ -44,7 +44,7 @@ kind = "dryden"
 wind_speed_20ft_mps = 10.0
 """
 PEER: Address = (0, ("127.0.0.1", 1))
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 
 def short_gust(autopilot: str, folder: Path) -> Scenario:

@@ -3,7 +3,7 @@ import random
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
+from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse, split_stream
 from firmware_model.mavlink.messages import torque_template
 
 HEARTBEAT = wire.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3)
@@ -86,6 +86,16 @@ def test_frames_before_a_damaged_one_are_kept():
     first, second = parse(packed() + damaged(packed(), 12, 99))
     assert isinstance(first, Frame)
     assert second is RejectReason.BAD_CHECKSUM
+
+
+def test_stream_gives_its_whole_frames_and_keeps_the_half_one():
+    unknown = damaged(packed(), 8, 0xFF)
+    stream = bytearray(b"noise" + packed() + damaged(packed(), 12, 99) + unknown + packed()[:-1])
+    assert split_stream(stream) == [packed(), unknown]
+    assert stream == packed()[:-1]
+    stream += packed()[-1:]
+    assert split_stream(stream) == [packed()]
+    assert split_stream(stream) == []
 
 
 def test_any_bytes_are_parsed_without_an_exception():

@@ -68,6 +68,24 @@ def test_finite_torques_of_group_0_to_this_vehicle_are_flown(group, target, yaw,
     assert read_slowly(wire.MAVLink_set_actuator_control_target_message(4000, group, target, 1, controls)) == read
 
 
+@pytest.mark.parametrize(
+    ("target", "mask", "thrust", "why"),
+    [
+        (2, 0, 0.5, RejectReason.OTHER_TARGET),
+        (1, wire.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, 0.5, RejectReason.NO_SETPOINT),
+        (1, 0x20, 0.5, RejectReason.NO_SETPOINT),
+        (1, 0, math.inf, RejectReason.NO_SETPOINT),
+        (1, 0x80 | wire.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE, 0.5, RejectReason.NO_SETPOINT),
+        (1, 0x80 | wire.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE, 0.5, RejectReason.NO_SETPOINT),
+    ],
+)
+def test_attitude_target_without_thrust_or_something_to_track_is_refused(target, mask, thrust, why):
+    level = [1.0, 0.0, 0.0, 0.0]
+    assert (
+        read_slowly(wire.MAVLink_set_attitude_target_message(4, target, 1, mask, level, 0.0, 0.0, 0.0, thrust)) == why
+    )
+
+
 def torques(*torque_B: float, throttle: float | None = None, time_us: int = 4000) -> TorqueCommand:
     return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=throttle)
 

@@ -83,6 +83,7 @@ def test_spin_about_the_intermediate_axis_flips_and_about_the_others_stays() -> 
         assert stays.omega_B[axis] == pytest.approx(3.0, rel=1e-5)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_moment_about_an_axis_turns_about_that_axis_by_its_inertia(axis: int) -> None:
     # Constant moment, no damping: a quarter turn takes t = sqrt(pi I / moment).

@@ -50,6 +50,7 @@ def effect(vehicle: Vehicle) -> np.ndarray:
     return np.vstack([arms.T, np.ones(len(arms))])
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("name", VEHICLES)
 @given(shares=st.tuples(SHARE, SHARE, SHARE), throttle=st.floats(-0.2, 1.2))
 @settings(max_examples=200, deadline=None)

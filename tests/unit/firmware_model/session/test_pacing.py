@@ -277,6 +277,9 @@ def test_stalled_stream_holds_the_attitude_until_the_next_setpoint(paced, comman
     assert paced.autopilot.take_events() == [AutopilotEvent.STALLED]
     stream(paced, SAMPLE_US, 3, command)
     assert paced.loop.flown[-1][0] == command._replace(time_us=paced.now_us - SAMPLE_US)
+    paced.run(STALL_US + SAMPLE_US)
+    assert paced.flight.counters[TimingFault.STALLED] == 2
+    assert paced.autopilot.take_events() == []  # told once in a flight
 
 
 @pytest.mark.parametrize("every_us", [50_000, 100_000, 400_000])

@@ -20,6 +20,7 @@ from firmware_model.mavlink.messages import CONTROLLER, command_message
 from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.services import refusals
 from firmware_model.mavlink.signing import Signing
+from firmware_model.session import vehicle_endpoint
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -497,6 +498,12 @@ def test_real_time_set_point_older_than_the_last_is_stale(vehicle):
     assert vehicle.endpoint.counters[RejectReason.STALE] == 1
 
 
+def test_set_point_with_nothing_to_track_is_counted_and_its_sender_not_in_command(vehicle):
+    vehicle.say(wire.MAVLink_set_attitude_target_message(0, 1, 1, 0xFF, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5))
+    vehicle.setpoint(port=2)
+    assert vehicle.endpoint.counters == {RejectReason.NO_SETPOINT: 1}
+
+
 def test_setpoints_of_two_messages_pass_a_link_each_by_its_own_stamps():
     vehicle = Vehicle(lockstep=False, scenario="link-delay", duration_s=21.0)
     vehicle.take_off()
@@ -566,6 +573,7 @@ def test_any_datagram_is_survived_and_counted(lockstep):
     assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("scenario", ["calm", "link-delay"])
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
@@ -702,16 +710,17 @@ def test_heartbeat_is_sent_in_time_on_the_fast_path():
     assert len(vehicle.modes) == 5
 
 
-@pytest.mark.compiled
-def test_one_poll_flies_at_most_250_samples():
-    vehicle = Controlled(duration_s=2.0)
+def test_one_poll_flies_at_most_a_batch_of_samples(monkeypatch):
+    assert vehicle_endpoint._MAX_BATCH == 250
+    monkeypatch.setattr(vehicle_endpoint, "_MAX_BATCH", 10)
+    vehicle = Controlled(duration_s=0.08)
     vehicle.poll()
     vehicle.command(MODE, 1.0, 7.0)  # outside OFFBOARD lockstep waits for nobody
     flown = [len(vehicle.modes)]
     for _ in range(3):
         vehicle.poll()
         flown.append(len(vehicle.modes))
-    assert [after - before for before, after in pairwise(flown)] == [250, 249, 0]
+    assert [after - before for before, after in pairwise(flown)] == [10, 9, 0]
     assert vehicle.endpoint.finished
 
 
@@ -812,6 +821,7 @@ def test_signed_lockstep_flies_like_an_unsigned_one():
 
 
 @pytest.mark.compiled
+@pytest.mark.traced
 def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
     vehicle = Vehicle(lockstep=False, interactive=True)
     vehicle.setpoint()

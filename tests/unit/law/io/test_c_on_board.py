@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from gustproof.law.io.c import Attitude, c_name, c_unit, nearest, resting_states
 from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, sin_versine, single_number, split
 from gustproof.law.resample import resample
-from gustproof.law.step import sparse_law, step
+from gustproof.law.step import step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 WARNINGS = [
@@ -70,12 +69,6 @@ int main(int argc, char **argv)
 }
 """
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-
-
-@pytest.fixture(autouse=True)
-def _sums_once_a_law(monkeypatch):
-    """Let `step` find a law's terms once, not at each of thousands of steps."""
-    monkeypatch.setattr("gustproof.law.step.sparse_law", cache(sparse_law))
 
 
 class Unit:

@@ -71,6 +71,7 @@ def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flow
     assert [curve.label for curve in curves[-2:]] == ["reference of pid-fair", "reference of hinf-d1"]
 
 
+@pytest.mark.compiled
 def test_what_all_flights_share_is_drawn_once(recorded):
     gust, other = noise(1), noise(2)
     same = read_runs([recorded("a", n=N, gust_B=gust), recorded("b", n=N, law="pid-fair", gust_B=gust)])
@@ -101,6 +102,7 @@ def test_a_short_curve_is_drawn_whole():
     assert np.array_equal(shown, TIME**2)
 
 
+@pytest.mark.compiled
 def test_the_spectrum_s_area_is_the_variance_and_its_peak_the_frequency(recorded):
     gust = noise(5, n=4000) * [1.0, 2.0, 3.0]
     gust[:, 1] += 4.0 * np.sin(50.0 * 0.004 * np.arange(4000))

@@ -10,10 +10,12 @@ import pytest
 
 from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.recording.bag import write_bag
 from gustproof.report.html import loops
 from gustproof.report.html.page import NumberBlock, render_page
 from gustproof.report.html.runs import read_runs
 from gustproof.report.html.tables import render_headline
+from gustproof.simulate.guest import ForeignAutopilot, GuestPlan
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,6 +61,7 @@ def numbers(page):
     return np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
 
 
+@pytest.mark.slow
 def test_the_curves_in_the_page_are_the_recording_s(runs, page):
     values, document = numbers(page), json.loads(script(page, "page-data"))
     (group,) = (group for group in document["sections"]["time"] if group["title"] == "Body rates")
@@ -89,6 +92,7 @@ def test_the_tables_hold_figures_and_margins_of_each_flight(runs, page):
     assert page.count('scope="col">') == len(runs) + 9
 
 
+@pytest.mark.compiled
 def test_what_a_scenario_requires_is_shown_with_its_margin(recorded):
     """Roll is 2 degrees throughout: within 3, beyond 1."""
     turned = np.array([np.cos(np.radians(1.0)), np.sin(np.radians(1.0)), 0.0, 0.0])
@@ -124,6 +128,7 @@ def test_the_page_names_the_licence_of_what_it_carries(page):
     assert "Copyright (c) 2022 Leon Sorokin" in page
 
 
+@pytest.mark.compiled
 def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recorded):
     turned = [np.array([np.cos(angle), np.sin(angle), 0.0, 0.0]) for angle in (0.01, 0.03)]
     runs = read_runs(
@@ -168,3 +173,16 @@ def test_curves_of_a_large_page_are_rounded_to_a_part_in_65000_and_times_are_exa
     np.testing.assert_allclose(read[:6], values, rtol=2.0**-15)
     np.testing.assert_array_equal(read[6:], (2.0 * values).astype("<f4"))
     assert read[0] != np.float32(values[0])
+
+
+def test_flight_that_ended_before_its_scenario_is_told_beside_another(tmp_path, runs):
+    plan = GuestPlan(runs[0].scenario, ForeignAutopilot(kind="px4"), runs[0].vehicle, 1, False)
+    autopilot = {**plan.autopilot.to_dict(), "flown": {}, "reason": "roll & pitch swapped"}
+    about = {**plan.metadata(), "autopilot": autopilot, "outcome": "wrong_geometry"}
+    write_bag(tmp_path / "grounded", runs[0].records[:1], about)
+    flights = [*read_runs([tmp_path / "grounded"]), runs[0]]
+    page = render_page(flights)
+    assert "<p>px4: wrong geometry: the rotors do not turn the vehicle" in page
+    assert "means to (roll &amp; pitch swapped)</p>" in page
+    assert len(json.loads(script(page, "page-data"))["runs"]) == 2
+    assert render_page(flights[:1])

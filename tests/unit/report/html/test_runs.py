@@ -24,6 +24,7 @@ def test_a_bag_itself_does_as_well_as_the_folder_around_it(recorded):
     assert [run.bag for run in read_runs([folder])] == [bag] == [run.bag for run in read_runs([bag])]
 
 
+@pytest.mark.compiled
 def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
     one, other = recorded("a", n=2), recorded("b", law="pid-fair", n=2)
     assert [run.label for run in read_runs([one, other])] == ["hinf-d1", "pid-fair"]
@@ -37,10 +38,6 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
     [
         (lambda path, _: [path / "nowhere"], "nowhere: no such folder"),
         (lambda path, _: [path], "no bag in it"),
-        (
-            lambda _, recorded: [recorded("short", n=1)],
-            "1 of the 2 samples that a report needs; its flight ended as 'done'",
-        ),
         (
             lambda _, recorded: [recorded("many", n=2)] * (MAX_RUNS + 1),
             f"{MAX_RUNS + 1} flights, a report shows at most {MAX_RUNS}",

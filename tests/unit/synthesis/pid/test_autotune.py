@@ -11,7 +11,7 @@ from gustproof.errors import DesignError
 from gustproof.synthesis.pid.autotune import RATIOS, Response, autotune_pid, measure_response, tune_axis
 
 DT = 0.004
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 
 def plant(vehicle: Vehicle, axis: int, omega: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.synthesis.designs import load_design
 from gustproof.synthesis.pid.rate_loop import identify_rate_loop
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 
 def test_the_shipped_rates_design_uses_the_lag_that_is_identified_from_flight() -> None:

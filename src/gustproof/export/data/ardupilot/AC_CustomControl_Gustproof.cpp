@@ -51,6 +51,8 @@ void AC_CustomControl_Gustproof::reset(void)
 {
     if (!_fits) {
         GCS_SEND_TEXT(MAV_SEVERITY_CRITICAL, "Gustproof: SCHED_LOOP_RATE must be %d, stock loops fly", GUSTPROOF_RATE);
+    } else {
+        GCS_SEND_TEXT(MAV_SEVERITY_INFO, "Law '$name' in control"); // the program is known by this text
     }
     _mode = AP::vehicle()->get_mode();
     start();

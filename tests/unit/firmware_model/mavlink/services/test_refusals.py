@@ -4,14 +4,13 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import RejectReason
-from firmware_model.mavlink.services import position, refusals
+from firmware_model.mavlink.services import refusals
 
 ALL = 0o7777
 
 
 @pytest.fixture
 def service(craft):
-    craft.services = position.make_service(craft)
     return refusals.make_service(craft)
 
 
