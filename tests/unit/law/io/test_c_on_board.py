@@ -15,7 +15,7 @@ from gustproof.law.io.c import Attitude, c_name, c_unit, nearest, resting_states
 from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, sin_versine, single_number, split
 from gustproof.law.resample import resample
-from gustproof.law.step import step
+from gustproof.law.step import STEEP, step
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 WARNINGS = [
@@ -233,13 +233,16 @@ def assert_twins(law, tmp_path):
     rng = np.random.default_rng(5)
     unit, twin = Unit(law, tmp_path, single=True), SingleLaw(law)
     unit.call("init")
-    x = np.zeros(len(unit.x), dtype=np.float32)
+    x, steep = np.zeros(len(unit.x), dtype=np.float32), 0
     for k in range(60):
         y = rng.normal(0.0, 3.0 if k % 20 == 19 else 0.1, 6)
+        y[1] += 25.0 * (k >= 40)  # rad/s, over the vertical
+        steep += abs(x[1]) > STEEP
         _, command = unit.step(y)
         x, expected = twin.step(x, y)
         assert command.tobytes() == expected.tobytes()
         assert unit.x.tobytes() == x.tobytes()
+    assert steep or not np.any(law.G)
 
 
 def test_sine_and_versine_are_as_exact_as_the_proof_says():
