@@ -7,11 +7,11 @@ north does. The gyro drifts less in a minute, and more in an hour.
 import math
 
 from firmware_model.types import Vector
+from gustproof.law.step import euler_rates
 
 _TIME_CONSTANT_S = 100.0  # of the pull to the autopilot's heading: its wander in gusts lasts tens of seconds
 _WANDER = math.radians(1.0)  # more than that is an error of the gyro's turn, and goes as roll and pitch do
 _LONGEST_STEP_S = 1.0  # a longer silence is no motion to interpolate
-_LEAST_COSINE = 0.05  # of pitch, as in a law's own kinematics
 
 
 class SlowHeading:
@@ -24,9 +24,7 @@ class SlowHeading:
 
     def add(self, gyro_B: Vector, step_s: float) -> None:
         """Turn with the rates [rad/s] of a sample, `step_s` after the last one."""
-        _, q, r = gyro_B
-        cosine = max(math.cos(self._pitch), _LEAST_COSINE)
-        rate = (math.sin(self._roll) * q + math.cos(self._roll) * r) / cosine
+        _, _, rate = euler_rates((self._roll, self._pitch, 0.0), gyro_B)
         if self._rate is not None:
             self.turned += 0.5 * (self._rate + rate) * min(step_s, _LONGEST_STEP_S)
         self._rate = rate

@@ -333,10 +333,8 @@ def _turn_steep(z: Array, n: int, dt: float, work: Array) -> None:
     if steep:
         for w in range(LANES):
             E, omega = (z[0, w], z[1, w], z[2, w]), (z[3, w], z[4, w], z[5, w])
-            rates, after = (
-                (z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w]),
-                (work[0, w], work[1, w], work[2, w]),
-            )
+            rates = z[n + RATES, w], z[n + RATES + 1, w], z[n + RATES + 2, w]
+            after = work[0, w], work[1, w], work[2, w]
             work[0, w], work[1, w], work[2, w] = turn_steep(E, omega, rates, dt, after)
 
 

@@ -121,7 +121,7 @@ def flight_norms(system: LoopSystem, samples: int) -> Norms:
 
 def count_signals(norms: Norms) -> int:
     """Return the number of bounds in a row of a box."""
-    first, *_ = norms
+    first = norms[0]
     return int((first.axis if isinstance(first, LevelledNorms) else first).excess.shape[1]) + 1
 
 

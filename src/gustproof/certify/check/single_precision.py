@@ -212,7 +212,7 @@ def _row_error(
     sizes, gyro = _sizes(system, case, box, form)
     others = _weigh(A, sizes) + _weigh(B, gyro) + abs(reference[i][2]) * form.heading
     count = sum(map(bool, [*A, *B, *reference[i]]))
-    terms_of_excess = _excess_terms(box) if any(G) else G
+    terms_of_excess = _excess_terms(box) if any(G) else [Fraction(0)] * 3
     bent = _weigh(G, terms_of_excess)
     kinematics = _U * _weigh(G, [k * size for k, size in zip(_KINEMATICS, terms_of_excess, strict=True)])
     if i not in form.wide:
