@@ -81,23 +81,23 @@ def commands_are_assembled_once() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def processes_of_a_flight_are_forked() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def start_as_users() -> Iterator[Callable[[pytest.MonkeyPatch], None]]:
     """Begin the processes of a flight as copies of this one, which has loaded what they need.
 
-    To start Python and load the libraries takes .4 s of CPU, a flight .05 s. What a test starts by a command line of
-    its own begins as for users.
+    To start Python and load the libraries takes .4 s of CPU, a flight .05 s. Yield what starts them as for users
+    instead, as a test needs that patches what they use. What it starts by a command line of its own is not copied.
     """
     from gustproof.simulate.processes import launch
 
     with pytest.MonkeyPatch.context() as patch:
         _patch_launch(patch, _launch)
-        yield launch
+        yield partial(_patch_launch, launch=launch)
 
 
 @pytest.fixture
-def processes_are_started(processes_of_a_flight_are_forked, monkeypatch) -> None:
+def started_as_users(start_as_users, monkeypatch) -> None:
     """Start the processes of a flight as for users: a copy has the command line of the tests."""
-    _patch_launch(monkeypatch, processes_of_a_flight_are_forked)
+    start_as_users(monkeypatch)
 
 
 def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Popen[str]]) -> None:
