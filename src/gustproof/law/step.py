@@ -90,7 +90,7 @@ def sparse_law(law: Law) -> SparseLaw:
     every = np.array([term for terms in filled for term in terms])
     # Copied, as some of a law are read-only and some are not: kernels would be compiled for each of the two.
     limits, rates, attitude = law.limits.copy(), own.limits.copy(), law.attitude_limits.copy()
-    kind = bool(np.any(law.G)), law.uses_accelerometer
+    kind = law.has_kinematics, law.uses_accelerometer
     return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n), law.dt)
 
 
