@@ -11,10 +11,10 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
-from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, single, storer
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, offsets, put, put_vector, single, storer
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
-from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Motion, Stream
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
@@ -42,6 +42,11 @@ _load_battery, _store_battery = loader(BatteryState), storer(BatteryState)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
+_load_motion, _store_motion = loader(Motion), storer(Motion)
+_load_stream, _store_stream = loader(Stream), storer(Stream)
+_NOW, _END, _STREAM, _ACTUATORS = offsets([Motion, Motion, Stream])
+STAGE_ROWS = _ACTUATORS + 16
+"""Numbers of a flight between the stages of a step."""
 
 
 @kernel
@@ -84,7 +89,7 @@ def advance_kernel(
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
-        body = integrate_body(one, x, free, True, body, dt, row)
+        body = integrate_body(one, x, free, body, dt, row)
     if not free and (kind == OFF or (kind == WRENCH and setpoint[CLAMPED] != 0.0)):
         body = at_rest(start, body)
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
@@ -233,29 +238,72 @@ def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
 
 
 @kernel
-def integrate_body(params: Lane, state: Lane, free: bool, unusual: bool, body: Body, dt: float, record: Lane) -> Body:
-    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample.
-
-    Unless `unusual`, contact and failed rotors are skipped.
-    """
-    actuators = _load_actuator_params(params, layout.ACTUATORS)
-    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
-    thrust = -get(record, journal.THRUST_COMMAND)
+def integrate_body(params: Lane, state: Lane, free: bool, body: Body, dt: float, record: Lane) -> Body:
+    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample."""
     if free:
-        sag = get(state, X_SAG)
-        torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
-        forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
-        inputs = FreeInputs(forces, _read_air(record), unusual, unusual)
-        return aerodynamics.step(_free_params(params), body, inputs, dt)
+        return aerodynamics.step(_free_params(params), body, _free_inputs(params, state, True, record), dt)
+    torque, thrust = _read_command(params, record)
     held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
     return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
 
 
 @kernel
-def step_body(params: Lane, state: Lane, free: bool, unusual: bool, dt: float, record: Lane) -> None:
+def _read_command(params: Lane, record: Lane) -> tuple[Vector, float]:
+    """Return the torque [N*m] B and thrust [N] that the actuators give for the record's command."""
+    actuators = _load_actuator_params(params, layout.ACTUATORS)
+    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
+    return torque, -get(record, journal.THRUST_COMMAND)
+
+
+@kernel
+def _free_inputs(params: Lane, state: Lane, unusual: bool, record: Lane) -> FreeInputs:
+    sag, (torque, thrust) = get(state, X_SAG), _read_command(params, record)
+    torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
+    forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
+    return FreeInputs(forces, _read_air(record), unusual, unusual)
+
+
+@kernel
+def step_body(params: Lane, state: Lane, free: bool, dt: float, record: Lane) -> None:
     """Step the body once, see `integrate_body`."""
-    body = integrate_body(params, state, free, unusual, _load_body(state, X_BODY), dt, record)
-    _store_body(state, X_BODY, body)
+    _store_body(state, X_BODY, integrate_body(params, state, free, _load_body(state, X_BODY), dt, record))
+
+
+@kernel
+def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane) -> None:
+    """Begin to step the body as `step_body` does one in free flight that is not unusual, with the same bits.
+
+    Each of the four stages is then a loop of its own over flights. A whole step is a chain so long that a processor
+    finds nothing else to do while it waits for a root. So each stage also takes the roots for the next.
+    """
+    constants, body = _free_params(params), _load_body(state, X_BODY)
+    inputs = _free_inputs(params, state, False, record)
+    T, torque_B, F, thrust = rigid_body.step_actuators(constants.body, body, inputs.body, dt)
+    motion = aerodynamics.get_motion(body)
+    _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, motion, F[0], inputs.air))
+    for i in range(4):
+        put_vector(work, _ACTUATORS + 4 * i, T[i])
+        put(work, _ACTUATORS + 4 * i + 3, F[i])
+    _store_body(state, X_BODY, aerodynamics.join(motion, torque_B, thrust))
+
+
+@kernel
+def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, record: Lane, work: Lane) -> None:
+    """Do a stage, 0 to 3: its derivative adds `share` [s] to the end of the step, and `h` [s] to the next stage."""
+    constants, inputs = _free_params(params), _free_inputs(params, state, False, record)
+    start, at = _load_motion(state, X_BODY), _ACTUATORS + 4 * stage
+    now = start if stage == 0 else _load_motion(work, _NOW)
+    end = start if stage == 0 else _load_motion(work, _END)
+    body, stream = aerodynamics.join(now, get_vector(work, at), get(work, at + 3)), _load_stream(work, _STREAM)
+    rate = aerodynamics.motion_rate(constants, body, stream, inputs)
+    end = aerodynamics.move_motion(end, share, rate)
+    if stage == 3:
+        _store_motion(state, X_BODY, aerodynamics.with_unit_length(end))
+    else:
+        now = aerodynamics.move_motion(start, h, rate)
+        _store_motion(work, _END, end)
+        _store_motion(work, _NOW, now)
+        _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, now, get(work, at + 7), inputs.air))
 
 
 @kernel

@@ -117,6 +117,8 @@ class Batch(NamedTuple):
     """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
     places: NDArray[np.int32]
     """(12 or 16 * LANES,) work space of `inverse_normals`."""
+    stages: Array
+    """(STAGE_ROWS * LANES,) work space of the stages of a step in free flight, see `sim.step`."""
     tallies: Array
     """(TALLY_SIZE, LANES) see `scoring.metrics`."""
     readings: Array
@@ -147,6 +149,7 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
         "noise": aligned_zeros(seeds * _NOISE_ROWS * LANES).reshape(seeds, _NOISE_ROWS * LANES),
         "outer": aligned_zeros(drawn + BLOCK),
         "places": np.zeros(drawn, dtype=np.int32),
+        "stages": aligned_zeros(step.STAGE_ROWS * LANES),
         "tallies": _zeros(TALLY_SIZE),
     }
 
@@ -194,7 +197,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         else:
             _command(free, 4, params, state, batch.kinds[acts], ring[acts], record)
         for _ in range(steps):
-            _integrate(free, params, state, dt / steps, record)
+            _integrate(free, params, state, dt / steps, record, batch.stages)
         _step_turbulence(params, state, noise)
         for w in range(LANES):
             tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
@@ -449,18 +452,25 @@ def _command_lane(free: bool, rotors: int, params: Array, state: Array, kind: fl
 
 
 @kernel
-def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
-    if _is_unusual(free, params, state, dt):
+def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array, work: Array) -> None:
+    if free and not _is_unusual(free, params, state, dt):
         for w in range(LANES):
-            _integrate_lane(free, True, params, state, dt, record, w)
+            p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+            step.begin_stages(p, x, dt, row, Lane(work, LANES, w))
+        _step_stage(0, dt / 6.0, 0.5 * dt, params, state, record, work)
+        _step_stage(1, dt / 3.0, 0.5 * dt, params, state, record, work)
+        _step_stage(2, dt / 3.0, dt, params, state, record, work)
+        _step_stage(3, dt / 6.0, dt, params, state, record, work)
     else:
         for w in range(LANES):
-            _integrate_lane(free, False, params, state, dt, record, w)
+            step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, dt, Lane(record, LANES, w))
 
 
 @kernel
-def _integrate_lane(free: bool, unusual: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
-    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, unusual, dt, Lane(record, LANES, w))
+def _step_stage(stage: int, share: float, h: float, params: Array, state: Array, record: Array, work: Array) -> None:
+    for w in range(LANES):
+        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+        step.step_stage(stage, share, h, p, x, row, Lane(work, LANES, w))
 
 
 @kernel
