@@ -73,7 +73,8 @@ def observe_kernel(
     force_noise = mixed_normals(mix, ACCELEROMETER_STREAM, sample, 0)
     if get(one, layout.BATTERY) != 0.0:
         drain_battery(one, x)
-    measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
+    measure(one, x, free, True, scripted, gyro_noise, time_us, single(record))
+    measure_force(one, x, free, True, force_noise, single(record))
     _write_rotors(one, x, free, single(record))
 
 
@@ -122,27 +123,21 @@ def measure(
     params: Lane,
     state: Lane,
     free: bool,
-    unusual: bool,
     full: bool,
     scripted: Disturbance,
-    gyro_noise: Float4,
-    force_noise: Float4,
+    noise: Float4,
     time_us: int,
     record: Lane,
 ) -> None:
-    """Write to `record` the fields of `observe_kernel` except the rotors, with standard normal numbers for the sensors.
+    """Write to `record` the fields of `observe_kernel` except those of `measure_force` and the rotors.
 
-    Unless `full`, leave out the on-board attitude, fields that are only recorded and, on the stand, the wind. Torque
-    and rate laws and the metrics need none of them. Unless `unusual`, skip contact and failed rotors.
+    The noise of the gyro is standard normal. Unless `full`, leave out the on-board attitude, fields that are only
+    recorded and, on the stand, the wind. Torque and rate laws and the metrics need none of them.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, full or free, scripted, record)
-    force, moment, load = _sensor_wrench(params, body, free, unusual, direct, record)
-    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, gyro_noise, time)
+    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, noise, time)
     put_vector(record, journal.GYRO_B, rate)
-    accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
-    put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, force_noise))
-    put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
     put_vector(record, journal.OMEGA, body.omega_B)
     _put_float4(record, journal.Q_NB, body.q_NB)
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
@@ -157,13 +152,41 @@ def measure(
     if full or free:
         put_vector(state, X_DIRECT, direct)
         put_vector(record, journal.POSITION, body.position_N)
+    if not free:
+        air = _load_air_params(params, layout.AIR)
+        moment = gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST))
+        _put_moment(record, moment, direct)
     if full:
-        put(state, X_LOAD, load)
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
         given = given_by_rotors(_load_loss_params(params, layout.LOSS), body)
         put_vector(record, journal.TORQUE_B, given.torque_B)
         put(record, journal.THRUST, -given.thrust)
+
+
+@kernel
+def measure_force(params: Lane, state: Lane, free: bool, unusual: bool, noise: Float4, record: Lane) -> None:
+    """Write to `record` the specific force and, in free flight, the moment of the air; to `state` the ground's load.
+
+    It follows `measure`. The noise is standard normal. Unless `unusual`, skip contact and failed rotors.
+    """
+    body, load = _load_body(state, X_BODY), 0.0
+    if free:
+        direct = get_vector(state, X_DIRECT)
+        inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
+        force, moment, load = aerodynamics.sensor_wrench(_free_params(params), body, inputs)
+        _put_moment(record, moment, direct)
+    else:
+        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
+        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
+    accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
+    put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, noise))
+    put(state, X_LOAD, load)
+
+
+@kernel
+def _put_moment(record: Lane, a: Vector, b: Vector) -> None:
+    put_vector(record, journal.MOMENT, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
 
 
 @kernel
@@ -198,20 +221,6 @@ def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, re
         winds = _load_mean_wind_params(params, layout.MEAN_WIND)
         put_vector(record, journal.WIND, mean_wind(winds, -body.position_N[2]))
     return moment_B[0] + rotated_moment[0], moment_B[1] + rotated_moment[1], moment_B[2] + rotated_moment[2]
-
-
-@kernel
-def _sensor_wrench(
-    params: Lane, body: Body, free: bool, unusual: bool, direct: Vector, record: Lane
-) -> tuple[Vector, Vector, float]:
-    """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load on the ground [N]."""
-    if not free:
-        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
-        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
-        air = _load_air_params(params, layout.AIR)
-        return force, gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST)), 0.0
-    inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
-    return aerodynamics.sensor_wrench(_free_params(params), body, inputs)
 
 
 @kernel
