@@ -42,7 +42,7 @@ class Air(NamedTuple):
 
 
 class Stream(NamedTuple):
-    """What a vehicle meets of the air. It takes all roots of a step, so SIMD may find it well before it is needed."""
+    """Air as a vehicle meets it: all roots of a step's stage, so that SIMD can take them well before it needs them."""
 
     velocity_B: Vector
     """[m/s] B, of the air relative to the vehicle."""
@@ -105,7 +105,7 @@ def air_params(vehicle: Vehicle) -> AirParams:
 
 @kernel
 def meet_air(params: AirParams, motion: Motion, thrust: float, air: Air) -> Stream:
-    """Return what a vehicle whose rotors give a thrust [N] meets of the air."""
+    """Return the air as a vehicle meets it whose rotors give a thrust [N]."""
     (north, east, down), (v_north, v_east, v_down) = air.wind_N, motion.velocity_N
     mean = rotate(conjugate(motion.q_NB), (north - v_north, east - v_east, down - v_down))
     gust = air.gust_B
