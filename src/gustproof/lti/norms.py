@@ -86,7 +86,9 @@ def eigenvalues(A: Matrix) -> ComplexMatrix:
     """
     if not A.size:
         return np.zeros(0, dtype=np.complex128)
-    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(A), compute_vl=0, compute_vr=0)
+    if not np.isfinite(A).all():
+        raise ValueError("the matrix has what is no number or infinite")
+    real, imaginary, _, _, failed = dgeev(A, compute_vl=0, compute_vr=0)
     if failed:
         raise np.linalg.LinAlgError("the eigenvalues did not converge")
     return np.asarray(real + 1j * imaginary)
