@@ -4,7 +4,7 @@ import math
 from enum import Enum
 
 import numpy as np
-from scipy.linalg.lapack import dgebal, dgecon, dgees, dgetrf, dgetrs, dlange, dtrsen
+from scipy.linalg.lapack import dgebal, dgecon, dgees, dgetrf, dgetrs, dtrsen
 
 from gustproof.errors import DesignError
 from gustproof.lti.state_space import Matrix
@@ -68,7 +68,7 @@ def stabilizing_solution(H: Matrix) -> Matrix:
         raise RiccatiError(RiccatiFailure.AXIS)
     U1, U2 = U[:n, :n].T, U[n:, :n].T
     factors, pivots, _ = dgetrf(U1)
-    if dgecon(factors, dlange("1", U1))[0] < _RANK_TOLERANCE:
+    if dgecon(factors, np.abs(U1).sum(axis=0).max())[0] < _RANK_TOLERANCE:
         raise RiccatiError(RiccatiFailure.COMPLEMENT)
     X = (dgetrs(factors, pivots, U2)[0].T * scale[:n, None] * scale[:n])[::-1, ::-1]
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
