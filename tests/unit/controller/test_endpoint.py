@@ -719,6 +719,21 @@ def test_attitude_corrects_the_estimate_only_if_it_may():
     assert commanded(3.05, correct_attitude=False) == commanded(2.95, correct_attitude=False)
 
 
+@pytest.mark.parametrize("estimator", [0, 1])
+def test_turn_of_the_earth_is_known_where_the_rates_are_an_estimators(estimator):
+    autopilot = Autopilot("hinf-rates")
+    autopilot.reach(Phase.READING)
+    autopilot.say(beat(HOLD), *parameters(), imu(4000), imu(8000), imu(12_000))
+    autopilot.hear()
+    bytewise = struct.unpack("<f", struct.pack("<i", estimator))[0]
+    autopilot.say(wire.MAVLink_param_value_message(b"EKF2_EN", bytewise, 6, 2, 0))
+    requested = [message.param1 for message in autopilot.hear() if getattr(message, "command", 0) == 512]
+    assert requested == [wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN] * estimator
+    autopilot.say(wire.MAVLink_gps_global_origin_message(300_000_000, 80_000_000, 0))
+    _, _, down = autopilot.endpoint._controller.earth_rate_N
+    assert math.isclose(down, -0.5 * 7.2921e-5 * estimator)
+
+
 def test_thrust_holds_the_height_where_it_is_a_thrust():
     autopilot = flying_ardupilot()
     thrust = []
