@@ -6,7 +6,7 @@ more than gravity and north do. The gyro drifts less in a minute, and more in an
 References
 ----------
 R. Mahony, T. Hamel, J.-M. Pflimlin, Nonlinear Complementary Filters on the Special Orthogonal Group, 2008: the passive
-filter, here with a gain that grows with the error. The autopilot's estimator finds the bias.
+filter, here with a gain that grows with the error, and without a bias of its own.
 """
 
 import math
@@ -15,6 +15,7 @@ from firmware_model.numerics.rotations import conjugate, from_euler, multiply, n
 from firmware_model.types import Quaternion, Vector
 
 _TIME_CONSTANT_S = 200.0  # of the pull to the autopilot's attitude: its wander in gusts lasts tens of seconds
+_BIASED_TIME_CONSTANT_S = 30.0  # where nobody has taken the bias from the rates
 _WANDER = (math.radians(0.3), math.radians(0.3), math.radians(1.0))  # about N: tilt and heading; more is an error
 _REGAIN_RATE = 1.0  # [1/s] of the pull of what is more
 _LARGEST = 0.1  # [rad] of what is more that counts
@@ -49,18 +50,19 @@ class SlowAttitude:
             self._turn(self._q_NB, (1.0, x, y, z))
         self._gyro_B = gyro_B
 
-    def correct(self, attitude: Vector, earth_rate_N: Vector, step_s: float) -> None:
+    def correct(self, attitude: Vector, earth_rate_N: Vector | None, step_s: float) -> None:
         """Move towards the autopilot's attitude [rad], `step_s` after the last correction.
 
-        `earth_rate_N` [rad/s] is the part of the samples' rates that is no motion over the ground.
+        `earth_rate_N` [rad/s] is the part of the samples' rates that is no motion over the ground, if no bias is left.
         """
+        time_constant_s = _BIASED_TIME_CONSTANT_S if earth_rate_N is None else _TIME_CONSTANT_S
         w, *errors = multiply(from_euler(*attitude), conjugate(self._q_NB))
         halves = []
-        for half_sine, wander, earth in zip(errors, _WANDER, earth_rate_N, strict=True):
+        for half_sine, wander, earth in zip(errors, _WANDER, earth_rate_N or (0.0,) * 3, strict=True):
             away = math.copysign(2.0, w) * half_sine  # the shorter way round
             within = min(max(away, -wander), wander)
             beyond = min(max(away - within, -_LARGEST), _LARGEST)
-            halves.append(0.5 * step_s * (within / _TIME_CONSTANT_S + beyond * _REGAIN_RATE - earth))
+            halves.append(0.5 * step_s * (within / time_constant_s + beyond * _REGAIN_RATE - earth))
         self._turn((1.0, halves[0], halves[1], halves[2]), self._q_NB)
 
     def _turn(self, after: Quaternion, before: Quaternion) -> None:

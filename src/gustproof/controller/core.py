@@ -78,7 +78,7 @@ class Controller:
     lacks the rotation in that time, unless the law is `interpolating`. It then steps at instants of its own, `dt`
     apart, on gyro and force interpolated between samples: any stamps at nearly its rate will do.
 
-    `earth_rate_N` [rad/s] is the turn of the earth, where the samples' rates hold it.
+    `earth_rate_N` [rad/s] is the turn of the earth, known where an estimator has taken all but that from the rates.
 
     `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
     level before the first. If the law is interpolating, they count from the last sample that reset it.
@@ -98,7 +98,7 @@ class Controller:
         self._began_us = self._step_at_us = 0
         self._before: tuple[float, ...] = (0.0,) * 6
         self._attitude: SlowAttitude | None = None
-        self.earth_rate_N: Vector = (0.0, 0.0, 0.0)
+        self.earth_rate_N: Vector | None = None
 
     def answer(
         self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None

@@ -32,7 +32,7 @@ class Family:
     fail_safe: tuple[str, ...]
     """Parameters of its fail-safe when set-points stop."""
     estimator: str = ""
-    """Parameter that is set if the samples' rates are those of an estimator that knows the turn of the earth."""
+    """Parameter that is set if an estimator has taken all but the turn of the earth from the samples' rates."""
     takes_torques: bool = True
     """True if there are autopilots of this family that take torques."""
     streams_on_standby: bool = False

@@ -11,7 +11,12 @@ SOUTH = 3.0  # [rad] heading at the start, so that turns go over the south
 AXES = pytest.mark.parametrize("axis", range(3))
 
 
-def follow(axis: int, seconds: float, error=lambda _: 0.0, bias=lambda _: 0.0, yaw_rate: float = 0.0) -> np.ndarray:
+NO_EARTH = 0.0, 0.0, 0.0
+
+
+def follow(
+    axis: int, seconds: float, error=lambda _: 0.0, bias=lambda _: 0.0, yaw_rate: float = 0.0, known=NO_EARTH
+) -> np.ndarray:
     """Return the error [deg] of an attitude about an axis.
 
     The autopilot's is off by `error` [deg] at a time [s], the gyro by `bias` [deg/s], while the vehicle turns level.
@@ -28,7 +33,7 @@ def follow(axis: int, seconds: float, error=lambda _: 0.0, bias=lambda _: 0.0, y
     for k in range(round(seconds / DT)):
         p, q, r = about(bias(k * DT))
         attitude.add((p, q, r + yaw_rate), DT)
-        attitude.correct(told(k * DT), (0.0, 0.0, 0.0), DT)
+        attitude.correct(told(k * DT), known, DT)
         away = attitude.angles[axis] - (k * DT * yaw_rate if axis == 2 else 0.0)
         errors.append(math.degrees(math.remainder(away, 2.0 * math.pi)))
     return np.array(errors)
@@ -53,8 +58,10 @@ def test_bias_that_jumps_in_flight_stands_off_and_does_not_drift(axis, most):
     assert most - 0.05 < errors[-1] <= np.max(errors) < most
 
 
-def test_small_bias_stands_off_by_less():
-    assert abs(follow(0, 300.0, bias=lambda _: 0.001)[-1] - 0.2 * (1.0 - math.exp(-1.5))) < 0.005
+@pytest.mark.parametrize(("known", "time_constant_s"), [(NO_EARTH, 200.0), (None, 30.0)])
+def test_small_bias_stands_off_by_less_and_least_where_one_is_to_be_expected(known, time_constant_s):
+    expected = 0.001 * time_constant_s * (1.0 - math.exp(-120.0 / time_constant_s))
+    assert abs(follow(0, 120.0, bias=lambda _: 0.001, known=known)[-1] - expected) < 0.005
 
 
 def test_turns_are_followed_at_once_and_over_the_south():
@@ -67,7 +74,7 @@ def test_turn_of_the_earth_is_no_turn_of_the_vehicle(heading):
     level, earth = (0.0, 0.0, heading), earth_rate(math.radians(47.4))
     assert math.isclose(math.hypot(*earth), 2.0 * math.pi / 86164.0, rel_tol=1e-4)
     drifts = []
-    for known in (earth, (0.0, 0.0, 0.0)):
+    for known in (earth, NO_EARTH):
         attitude = SlowAttitude(level)
         for _ in range(600):
             attitude.add(rotate(conjugate(from_euler(*level)), earth), 0.1)
@@ -90,7 +97,7 @@ def test_attitude_goes_over_the_vertical():
     angles = []
     for _ in range(315):
         attitude.add((0.0, 1.0, 0.0), 0.01)
-        attitude.correct((*attitude.angles[:2], attitude.angles[2] + SOUTH), (0.0, 0.0, 0.0), 0.01)
+        attitude.correct((*attitude.angles[:2], attitude.angles[2] + SOUTH), NO_EARTH, 0.01)
         angles.append(attitude.angles)
     assert max(pitch for _, pitch, _ in angles) > 1.56
     roll, pitch, heading = angles[-1]
