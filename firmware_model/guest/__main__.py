@@ -155,20 +155,10 @@ def _exchanger(
     It can wait `wait_s` [s] before and after, for what is on its way; otherwise it waits for the pilot's echo.
     """
 
-    def receive(now_us: int) -> None:
-        for _ in range(_DATAGRAMS):
-            try:
-                datagram, address = bound.recvfrom(_MAX_DATAGRAM)
-            except BlockingIOError:
-                break
-            except OSError:  # an ICMP error for an earlier datagram
-                continue
-            endpoint.receive(datagram, (0, address), now_us)
-
     def exchange(now_us: int, waits: bool) -> None:
         if waits and wait_s:
             time.sleep(wait_s)
-        receive(now_us)
+        _receive(endpoint, bound, now_us)
         sent = endpoint.poll(now_us)
         for datagram, (_, peer) in sent:
             with contextlib.suppress(OSError):
@@ -177,9 +167,21 @@ def _exchanger(
             time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
         until_s = time.monotonic() + _COMMAND_WAITS * wait_s
         while pilot.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
-            receive(now_us)
+            _receive(endpoint, bound, now_us)
 
     return exchange
+
+
+def _receive(endpoint: udp.Endpoint, bound: socket.socket, now_us: int) -> None:
+    """Pass on all waiting datagrams."""
+    for _ in range(_DATAGRAMS):
+        try:
+            datagram, address = bound.recvfrom(_MAX_DATAGRAM)
+        except BlockingIOError:
+            break
+        except OSError:  # an ICMP error for an earlier datagram
+            continue
+        endpoint.receive(datagram, (0, address), now_us)
 
 
 def _pacer() -> Callable[[int], None]:

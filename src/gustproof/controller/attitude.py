@@ -14,9 +14,10 @@ import math
 from firmware_model.numerics.rotations import conjugate, from_euler, multiply, normalize, to_euler
 from firmware_model.types import Quaternion, Vector
 
-_TIME_CONSTANT_S = 200.0  # of the pull to the autopilot's attitude: its wander in gusts lasts tens of seconds
-_BIASED_TIME_CONSTANT_S = 30.0  # where nobody has taken the bias from the rates
-_WANDER = (math.radians(0.3), math.radians(0.3), math.radians(1.0))  # about N: tilt and heading; more is an error
+# [s] of the pull to the autopilot's attitude, about N: its wander in gusts lasts tens of seconds.
+_TIME_CONSTANTS_S = (200.0, 200.0, 200.0)
+_BIASED_TIME_CONSTANTS_S = (30.0, 30.0, 200.0)  # where nobody has taken the bias from the rates
+_WANDER = (math.radians(0.3), math.radians(0.3), math.radians(1.0))  # more is an error
 _REGAIN_RATE = 1.0  # [1/s] of the pull of what is more
 _LARGEST = 0.1  # [rad] of what is more that counts
 _LONGEST_STEP_S = 1.0  # a longer silence is no motion to interpolate
@@ -55,10 +56,11 @@ class SlowAttitude:
 
         `earth_rate_N` [rad/s] is the part of the samples' rates that is no motion over the ground, if no bias is left.
         """
-        time_constant_s = _BIASED_TIME_CONSTANT_S if earth_rate_N is None else _TIME_CONSTANT_S
+        pulls = _BIASED_TIME_CONSTANTS_S if earth_rate_N is None else _TIME_CONSTANTS_S
         w, *errors = multiply(from_euler(*attitude), conjugate(self._q_NB))
         halves = []
-        for half_sine, wander, earth in zip(errors, _WANDER, earth_rate_N or (0.0,) * 3, strict=True):
+        earth_rate_N = earth_rate_N or (0.0, 0.0, 0.0)
+        for half_sine, wander, time_constant_s, earth in zip(errors, _WANDER, pulls, earth_rate_N, strict=True):
             away = math.copysign(2.0, w) * half_sine  # the shorter way round
             within = min(max(away, -wander), wander)
             beyond = min(max(away - within, -_LARGEST), _LARGEST)

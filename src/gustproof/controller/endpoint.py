@@ -505,14 +505,10 @@ class ControllerEndpoint:
         if not _is_usable(name, value):
             return
         if name in self._family.fail_safe and self._piloted:
-            self._fail_safe[name] = value
-            if len(self._fail_safe) == len(self._family.fail_safe):
-                self._report(describe_fail_safe(self._family, self._fail_safe))
-                self._fail_safe = {}
+            self._on_fail_safe(name, value)
             return
-        if name == self._family.estimator and value and self._controller is not None:
-            self._request_origin(self._controller)
-            return
+        if name == self._family.estimator and value:
+            self._request_origin()
         if self.phase is not _READING or self._controller is not None or name not in self._parameters:
             return
         self._parameters[name] = value
@@ -520,8 +516,16 @@ class ControllerEndpoint:
         if len(known) == len(self._parameters):
             self._make_controller(known)
 
-    def _request_origin(self, controller: Controller) -> None:
+    def _on_fail_safe(self, name: str, value: float) -> None:
+        self._fail_safe[name] = value
+        if len(self._fail_safe) == len(self._family.fail_safe):
+            self._report(describe_fail_safe(self._family, self._fail_safe))
+            self._fail_safe = {}
+
+    def _request_origin(self) -> None:
         """Request where the vehicle flies: that gives the turn of the earth."""
+        if (controller := self._controller) is None:
+            return
 
         def on_origin(message: Message) -> None:
             controller.earth_rate_N = earth_rate(math.radians(1e-7 * message.latitude))

@@ -7,7 +7,7 @@ from firmware_model.numerics.rotations import conjugate, from_euler, rotate, to_
 from gustproof.controller.attitude import SlowAttitude, earth_rate
 
 DT = 0.02
-SOUTH = 3.0  # [rad] heading at the start, so that turns go over the south
+SOUTH = 2.4  # [rad] heading at the start, so that turns go over the south; a tilt is about both axes of N
 AXES = pytest.mark.parametrize("axis", range(3))
 
 
@@ -49,10 +49,10 @@ def test_wander_of_the_autopilots_attitude_is_not_followed(axis):
 @pytest.mark.parametrize("jump", [-20.0, 20.0])
 def test_attitude_far_off_is_regained_in_seconds(axis, jump):
     errors = follow(axis, 12.0, lambda t: jump * (t > 1.0))
-    assert abs(errors[-1] - jump) < (0.36, 0.36, 1.05)[axis]
+    assert abs(errors[-1] - jump) < (0.43, 0.43, 1.05)[axis]
 
 
-@pytest.mark.parametrize(("axis", "most"), [(0, 0.54), (1, 0.54), (2, 1.21)])
+@pytest.mark.parametrize(("axis", "most"), [(0, 0.63), (1, 0.63), (2, 1.21)])
 def test_bias_that_jumps_in_flight_stands_off_and_does_not_drift(axis, most):
     errors = np.abs(follow(axis, 40.0, bias=lambda t: 0.2 * (t > 5.0)))
     assert most - 0.05 < errors[-1] <= np.max(errors) < most
