@@ -16,7 +16,7 @@ from firmware_model.types import Quaternion, Vector
 
 # [s] of the pull to the autopilot's attitude, about N: its wander in gusts lasts tens of seconds.
 _TIME_CONSTANTS_S = (200.0, 200.0, 200.0)
-_BIASED_TIME_CONSTANTS_S = (30.0, 30.0, 200.0)  # where nobody has taken the bias from the rates
+_BIASED_TIME_CONSTANTS_S = (10.0, 10.0, 200.0)  # where nobody has taken the bias from the rates
 _WANDER = (math.radians(0.3), math.radians(0.3), math.radians(1.0))  # more is an error
 _REGAIN_RATE = 1.0  # [1/s] of the pull of what is more
 _LARGEST = 0.1  # [rad] of what is more that counts
