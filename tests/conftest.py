@@ -101,7 +101,7 @@ def started_as_users(start_as_users, monkeypatch) -> None:
 
 
 def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Popen[str]]) -> None:
-    for room in ("processes", "inspection"):
+    for room in ("processes", "inspection", "guest"):
         patch.setattr(f"gustproof.simulate.{room}.launch", launch)
 
 
