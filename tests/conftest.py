@@ -1,7 +1,14 @@
+import faulthandler
 import gc
 import os
-from collections.abc import Iterator
-from functools import cache
+import runpy
+import signal
+import subprocess
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from pathlib import Path
 
 import coverage
@@ -71,3 +78,62 @@ def commands_are_assembled_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.testing, "_get_command", cache(typer.testing._get_command))
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def start_as_users() -> Iterator[Callable[[pytest.MonkeyPatch], None]]:
+    """Begin the processes of a flight as copies of this one, which has loaded what they need.
+
+    To start Python and load the libraries takes .4 s of CPU, a flight .05 s. Yield what starts them as for users
+    instead, as a test needs that patches what they use. What it starts by a command line of its own is not copied.
+    """
+    from gustproof.simulate.processes import launch
+
+    with pytest.MonkeyPatch.context() as patch:
+        _patch_launch(patch, _launch)
+        yield partial(_patch_launch, launch=launch)
+
+
+@pytest.fixture
+def started_as_users(start_as_users, monkeypatch) -> None:
+    """Start the processes of a flight as for users: a copy has the command line of the tests."""
+    start_as_users(monkeypatch)
+
+
+def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Popen[str]]) -> None:
+    for room in ("processes", "inspection", "guest"):
+        patch.setattr(f"gustproof.simulate.{room}.launch", launch)
+
+
+def _launch(module: str, *arguments: str) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", module, *arguments]
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # a worker's other thread only reads
+        return subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, preexec_fn=partial(_run, words),
+        )  # fmt: skip
+
+
+def _run(words: list[str]) -> None:
+    """Run a module as Python would that was started with these words, and end."""
+    status: int | str | None = 1
+    try:
+        sys.settrace(None)
+        faulthandler.disable()
+        os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # with the pipe by which the parent learns that it has begun
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        sys.stdin, sys.stdout, sys.stderr = map(open, range(3), "rww")
+        sys.argv = words[2:]
+        warnings.filterwarnings("ignore", "'.*' found in sys.modules", RuntimeWarning)
+        try:
+            runpy.run_module(words[2], run_name="__main__", alter_sys=True)
+            status = 0
+        except SystemExit as ending:
+            status = ending.code
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else status is not None)

@@ -6,6 +6,7 @@ It prints one line of JSON when the autopilot is about to start, and one with th
 import contextlib
 import json
 import math
+import select
 import signal
 import socket
 import sys
@@ -99,7 +100,7 @@ def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[st
             world,
             vehicle,
             scenario,
-            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s),
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s, pilot),
             estimate=estimates.append_estimate,
             wait=_pacer() if options.real_time else lambda _: None,
         )
@@ -146,31 +147,41 @@ def _run(guest: Guest, pilot: Pilot, flight: GuestFlight, port: int) -> tuple[Gu
     return outcome, reason, time.monotonic() - began_s
 
 
-def _exchanger(endpoint: udp.Endpoint, bound: socket.socket, wait_s: float) -> Callable[[int, bool], None]:
+def _exchanger(
+    endpoint: udp.Endpoint, bound: socket.socket, wait_s: float, pilot: Pilot
+) -> Callable[[int, bool], None]:
     """Return the function that passes on all waiting datagrams, and sends those that are due.
 
-    It can wait `wait_s` [s] before and after, for what is on its way.
+    It can wait `wait_s` [s] before and after, for what is on its way; otherwise it waits for the pilot's echo.
     """
 
     def exchange(now_us: int, waits: bool) -> None:
         if waits and wait_s:
             time.sleep(wait_s)
-        for _ in range(_DATAGRAMS):
-            try:
-                datagram, address = bound.recvfrom(_MAX_DATAGRAM)
-            except BlockingIOError:
-                break
-            except OSError:  # an ICMP error for an earlier datagram
-                continue
-            endpoint.receive(datagram, (0, address), now_us)
+        _receive(endpoint, bound, now_us)
         sent = endpoint.poll(now_us)
         for datagram, (_, peer) in sent:
             with contextlib.suppress(OSError):
                 bound.sendto(datagram, peer)
         if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
             time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
+        until_s = time.monotonic() + _COMMAND_WAITS * wait_s
+        while pilot.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
+            _receive(endpoint, bound, now_us)
 
     return exchange
+
+
+def _receive(endpoint: udp.Endpoint, bound: socket.socket, now_us: int) -> None:
+    """Pass on all waiting datagrams."""
+    for _ in range(_DATAGRAMS):
+        try:
+            datagram, address = bound.recvfrom(_MAX_DATAGRAM)
+        except BlockingIOError:
+            break
+        except OSError:  # an ICMP error for an earlier datagram
+            continue
+        endpoint.receive(datagram, (0, address), now_us)
 
 
 def _pacer() -> Callable[[int], None]:

@@ -43,7 +43,8 @@ class GuestFlight:
     """One flight of a guest in a world: `prepare`, then `fly`.
 
     `exchange` carries the pilot's datagrams, called with the world's time [us]. With True it waits until they have
-    arrived: then two flights get the same set-point at the same sample. `estimate` gets each attitude estimate
+    arrived: then two flights get the same set-point at the same sample. In the scenario the pilot's echo tells that, in
+    a tenth of the time. `estimate` gets each attitude estimate
     of the scenario, on the scenario's clock.
     """
 
@@ -231,8 +232,10 @@ class GuestFlight:
         low, high = self._guest.dialect.thrust_range
         thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
         before, pilot.target = pilot.target, AttitudeTarget(0, self._reference, None, thrust)
-        self._exchange(readings.time_us, not self._world.flying or pilot.target != before)
-        if self._world.flying:
+        flying = self._world.flying
+        pilot.wants_echo = flying and pilot.target != before and self._guest.arrival_s > 0.0
+        self._exchange(readings.time_us, not flying)
+        if flying:
             for each in pilot.take_estimates():
                 if each.time_us >= self._world.started_us:
                     self._estimate(each._replace(time_us=each.time_us - self._world.started_us))

@@ -2,7 +2,7 @@
 
 A protocol core without I/O, on the world's clock: a flight at any speed gives the same set-points at the same samples.
 
-MAVLink, common message set, messages 0, 20, 22, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
+MAVLink, common message set, messages 0, 4, 20, 22, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
 """
 
 import math
@@ -47,6 +47,8 @@ class Estimate(NamedTuple):
 class Pilot:
     """Pilot of one guest: `meet` it, pass datagrams and the world's time, send what it returns.
 
+    With `wants_echo` a ping follows each set-point; it `awaits_echo` until the guest has answered: so it has read both.
+
     It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`. Until
     it is armed it asks for the parameters `names`: an autopilot ignores a name in a file that it does not know.
     """
@@ -56,7 +58,7 @@ class Pilot:
         self._address: Address | None = None
         self.channel = Channel(_SYSTEM, _COMPONENT)
         self.finished = False
-        self.wants_flight = self.wants_law = False
+        self.wants_flight = self.wants_law = self.wants_echo = self.awaits_echo = False
         self.target: AttitudeTarget | None = None
         self.autopilot: int | None = None
         self.custom_mode: int | None = None
@@ -71,6 +73,7 @@ class Pilot:
         self._asked = dict.fromkeys(names, 0)
         self._handlers = {
             wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            wire.MAVLINK_MSG_ID_PING: self._on_ping,
             wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
             wire.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
@@ -122,6 +125,9 @@ class Pilot:
             self._request()
         if self.target is not None:
             self._send_target(self.target._replace(time_us=now_us))
+        self.awaits_echo = self.wants_echo
+        if self.wants_echo:
+            self._send(wire.MAVLink_ping_message(now_us, 0, 0, 0))
         address, outbox, self._outbox = self._address, self._outbox, []
         return [(datagram, address) for datagram in outbox]
 
@@ -174,6 +180,11 @@ class Pilot:
         message = frame.message()
         self.autopilot, self.custom_mode = message.autopilot, message.custom_mode
         self.is_armed = bool(message.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _on_ping(self, frame: Frame) -> None:
+        message = frame.message()
+        if (message.target_system, message.time_usec) == (_SYSTEM, self._now_us):
+            self.awaits_echo = False
 
     def _on_parameter(self, frame: Frame) -> None:
         self._asked.pop(frame.message().param_id, None)

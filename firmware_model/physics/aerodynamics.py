@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
-from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.numerics.rotations import conjugate, normalize, rotate
 from firmware_model.physics import rigid_body
 from firmware_model.physics.dryden import gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
-from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest, move, move_quaternion
 from firmware_model.physics.rotors import LossParams, given_by_rotors, lost_wrench
-from firmware_model.types import Vector
+from firmware_model.types import Quaternion, Vector
 
 AIR_DENSITY = 1.225
 """[kg/m^3] ICAO standard atmosphere at sea level."""
@@ -39,6 +39,30 @@ class Air(NamedTuple):
     """[m/s] B, gust, blowing toward."""
     wind_N: Vector
     """[m/s] N, mean wind, blowing toward."""
+
+
+class Stream(NamedTuple):
+    """Air as a vehicle meets it: all roots of a step's stage, so that SIMD can take them well before it needs them."""
+
+    velocity_B: Vector
+    """[m/s] B, of the air relative to the vehicle."""
+    body_drag: float
+    """[N/(m/s)]."""
+    spin: float
+    """[-] rotor speed, 1 in hover."""
+
+
+class Motion(NamedTuple):
+    """State of the airframe."""
+
+    position_N: Vector
+    """[m] N."""
+    velocity_N: Vector
+    """[m/s] N."""
+    q_NB: Quaternion
+    """Attitude."""
+    omega_B: Vector
+    """[rad/s] B."""
 
 
 class FreeParams(NamedTuple):
@@ -80,21 +104,27 @@ def air_params(vehicle: Vehicle) -> AirParams:
 
 
 @kernel
-def air_wrench(params: AirParams, body: Body, air: Air) -> tuple[Vector, Vector]:
+def meet_air(params: AirParams, motion: Motion, thrust: float, air: Air) -> Stream:
+    """Return the air as a vehicle meets it whose rotors give a thrust [N]."""
+    (north, east, down), (v_north, v_east, v_down) = air.wind_N, motion.velocity_N
+    mean = rotate(conjugate(motion.q_NB), (north - v_north, east - v_east, down - v_down))
+    gust = air.gust_B
+    v_B = (gust[0] + mean[0], gust[1] + mean[1], gust[2] + mean[2])
+    square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
+    return Stream(v_B, square, math.sqrt(max(thrust, 0.0) * params.inverse_weight))
+
+
+@kernel
+def air_wrench(params: AirParams, stream: Stream, air: Air) -> tuple[Vector, Vector]:
     """Return force [N] B and moment [N*m] B of the air.
 
     Rotor drag is proportional to the relative air velocity and to rotor speed, which goes with the root of the thrust
     and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
     stream acts on all rotors equally.
     """
-    (north, east, down), (v_north, v_east, v_down) = air.wind_N, body.velocity_N
-    mean = rotate(conjugate(body.q_NB), (north - v_north, east - v_east, down - v_down))
-    gust = air.gust_B
-    v_B = (gust[0] + mean[0], gust[1] + mean[1], gust[2] + mean[2])
-    spin = math.sqrt(max(body.thrust, 0.0) * params.inverse_weight)
-    square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
+    v_B, square, spin = stream
     plane, axis = spin * params.rotor_drag + square, spin * params.heave_drag + square
-    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], gust[2]))
+    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], air.gust_B[2]))
     return (plane * v_B[0], plane * v_B[1], axis * v_B[2]), moment
 
 
@@ -110,15 +140,24 @@ def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Body
     Among them is what failed rotors don't give, as an opposite force and moment. At rest the ground's force balances
     all others; the springs' force among those returned is then not the real one.
     """
+    return _sum_inputs(params, body, _meet_air(params, body, inputs), inputs)
+
+
+@kernel
+def _meet_air(params: FreeParams, body: Body, inputs: FreeInputs) -> Stream:
+    return meet_air(params.air, get_motion(body), _given(params, body, inputs).thrust, inputs.air)
+
+
+@kernel
+def _sum_inputs(params: FreeParams, body: Body, stream: Stream, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
     outside, given = inputs.body, _given(params, body, inputs)
-    force, moment = air_wrench(params.air, given, inputs.air)
-    moment = _add(moment, outside.moment_B)
-    ground_force, ground_moment, load, resting = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, False
+    force, moment = air_wrench(params.air, stream, inputs.air)
+    moment, load, resting = _add(moment, outside.moment_B), 0.0, False
     if inputs.near_ground:
         ground_force, ground_moment, load = ground_wrench(params.ground, body)
         push = (force[0], force[1], force[2] - given.thrust)
         resting = (load > 0.0) & is_at_rest(params.ground, body, push, _add(moment, given.torque_B))
-    moment, force = _add(moment, ground_moment), _add(force, ground_force)
+        moment, force = _add(moment, ground_moment), _add(force, ground_force)
     if inputs.failed and params.loss.failed != 0.0:
         (L, M, N), lift = lost_wrench(params.loss, body)
         moment, force = (moment[0] - L, moment[1] - M, moment[2] - N), (force[0], force[1], force[2] + lift)
@@ -133,11 +172,56 @@ def _given(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
 
 
 @kernel
-def _derivative(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
-    return rigid_body.free_derivative(params.body, body, sum_inputs(params, body, inputs)[0])
+def get_motion(body: Body) -> Motion:
+    """Return the airframe's part of a state."""
+    return Motion(body.position_N, body.velocity_N, body.q_NB, body.omega_B)
 
 
-_integrate = rigid_body.runge_kutta(_derivative)
+@kernel
+def join(motion: Motion, torque_B: Vector, thrust: float) -> Body:
+    """Return the state of airframe and actuators, whose torques are in [N*m] B and thrust in [N]."""
+    return Body(motion.position_N, motion.velocity_N, motion.q_NB, motion.omega_B, torque_B, thrust)
+
+
+@kernel
+def motion_rate(params: FreeParams, body: Body, stream: Stream, inputs: FreeInputs) -> Motion:
+    """Return the time derivative of the airframe's state, in a `Motion`."""
+    return get_motion(rigid_body.free_derivative(params.body, body, _sum_inputs(params, body, stream, inputs)[0]))
+
+
+@kernel
+def move_motion(motion: Motion, h: float, rate: Motion) -> Motion:
+    """Return the airframe's state moved by `h` times a derivative."""
+    return Motion(
+        move(motion.position_N, h, rate.position_N),
+        move(motion.velocity_N, h, rate.velocity_N),
+        move_quaternion(motion.q_NB, h, rate.q_NB),
+        move(motion.omega_B, h, rate.omega_B),
+    )
+
+
+@kernel
+def with_unit_length(motion: Motion) -> Motion:
+    """Return the airframe's state with its attitude at unit length."""
+    return Motion(motion.position_N, motion.velocity_N, normalize(motion.q_NB), motion.omega_B)
+
+
+@kernel
+def _stage_rate(params: FreeParams, motion: Motion, acting: tuple[FreeInputs, Vector, float]) -> Motion:
+    inputs, torque_B, thrust = acting
+    body = join(motion, torque_B, thrust)
+    return motion_rate(params, body, _meet_air(params, body, inputs), inputs)
+
+
+_stages = rigid_body.make_stages(_stage_rate, move_motion)
+
+
+@kernel
+def _integrate(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
+    T, torque_B, F, thrust = rigid_body.step_actuators(params.body, body, inputs.body, dt)
+    acting = ((inputs, T[0], F[0]), (inputs, T[1], F[1]), (inputs, T[2], F[2]), (inputs, T[3], F[3]))
+    end = _stages(params, get_motion(body), acting, dt)[1]
+    return join(with_unit_length(end), torque_B, thrust)
 
 
 @kernel
@@ -158,7 +242,7 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
     near_ground = inputs.near_ground and can_touch_ground(params.ground, body, 0.0)
     inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
     forces, resting, load = sum_inputs(params, body, inputs)
-    moment = air_wrench(params.air, _given(params, body, inputs), inputs.air)[1]
+    moment = air_wrench(params.air, _meet_air(params, body, inputs), inputs.air)[1]
     if resting:
         up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
         return up, moment, load

@@ -159,7 +159,8 @@ def _scale(factor: float, v: Vector) -> Vector:
 
 
 @kernel
-def _move(a: Vector, h: float, rate: Vector) -> Vector:
+def move(a: Vector, h: float, rate: Vector) -> Vector:
+    """Return `a` moved by `h` times a rate."""
     return a[0] + h * rate[0], a[1] + h * rate[1], a[2] + h * rate[2]
 
 
@@ -169,7 +170,8 @@ def _move_float(a: float, h: float, rate: float) -> float:
 
 
 @kernel
-def _move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
+def move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
+    """Return `q` moved by `h` times a rate; not of unit length."""
     return q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3]
 
 
@@ -177,11 +179,11 @@ def _move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
 def _integrate(body: Body, h: float, rate: Body) -> Body:
     """Return the body moved by `h` times a derivative."""
     return Body(
-        _move(body.position_N, h, rate.position_N),
-        _move(body.velocity_N, h, rate.velocity_N),
-        _move_quaternion(body.q_NB, h, rate.q_NB),
-        _move(body.omega_B, h, rate.omega_B),
-        _move(body.torque_B, h, rate.torque_B),
+        move(body.position_N, h, rate.position_N),
+        move(body.velocity_N, h, rate.velocity_N),
+        move_quaternion(body.q_NB, h, rate.q_NB),
+        move(body.omega_B, h, rate.omega_B),
+        move(body.torque_B, h, rate.torque_B),
         body.thrust + h * rate.thrust,
     )
 
@@ -214,27 +216,27 @@ def make_stages(
     return stages
 
 
-_torque_stages, _omega_stages = make_stages(_torque_rate, _move), make_stages(_omega_rate, _move)
-_turn_stages, _thrust_stages = make_stages(_turn_rate, _move_quaternion), make_stages(_thrust_rate, _move_float)
+_torque_stages, _thrust_stages = make_stages(_torque_rate, move), make_stages(_thrust_rate, _move_float)
+_omega_stages, _turn_stages = make_stages(_omega_rate, move), make_stages(_turn_rate, move_quaternion)
+_stages = make_stages(derivative, _integrate)
 
 
-def runge_kutta(rate: Callable[[Params, Body, Inputs], Body]) -> Callable[[Params, Body, Inputs, float], Body]:
-    """Return the kernel `step(params, body, inputs, dt)` of the classical method for the time derivative `rate`.
-
-    The error falls with `dt` [s] to the fourth power.
-    """
-    stages = make_stages(rate, _integrate)
-
-    @kernel
-    def step(params: Params, body: Body, inputs: Inputs, dt: float) -> Body:
-        end = stages(params, body, (inputs, inputs, inputs, inputs), dt)[1]
-        return Body(end.position_N, end.velocity_N, normalize(end.q_NB), end.omega_B, end.torque_B, end.thrust)
-
-    return step
+@kernel
+def step(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
+    """Step any vehicle by the classical method, whose error falls with `dt` [s] to the fourth power."""
+    end = _stages(params, body, (inputs, inputs, inputs, inputs), dt)[1]
+    return Body(end.position_N, end.velocity_N, normalize(end.q_NB), end.omega_B, end.torque_B, end.thrust)
 
 
-step = runge_kutta(derivative)
-"""Step any vehicle."""
+@kernel
+def step_actuators(
+    params: BodyParams, body: Body, inputs: BodyInputs, dt: float
+) -> tuple[tuple[Vector, ...], Vector, tuple[float, ...], float]:
+    """Return torques [N*m] B of the actuators at each stage, and after `dt` [s]; then the thrusts [N]."""
+    command, lift = inputs.torque_command_B, inputs.thrust_command
+    torques, torque_B = _torque_stages(params.bandwidth, body.torque_B, (command, command, command, command), dt)
+    thrusts, thrust = _thrust_stages(params.bandwidth, body.thrust, (lift, lift, lift, lift), dt)
+    return torques, torque_B, thrusts, thrust
 
 
 @kernel
@@ -244,9 +246,7 @@ def step_attitude(params: BodyParams, body: Body, inputs: BodyInputs, dt: float)
     Torque, rates and attitude follow each other: each needs only the stages of the one before. One after the other,
     they need hardly more numbers at once than a processor has registers.
     """
-    command, lift = inputs.torque_command_B, inputs.thrust_command
-    torques, torque_B = _torque_stages(params.bandwidth, body.torque_B, (command, command, command, command), dt)
-    thrust = _thrust_stages(params.bandwidth, body.thrust, (lift, lift, lift, lift), dt)[1]
+    torques, torque_B, _, thrust = step_actuators(params, body, inputs, dt)
     acting = (params, inputs.moment_B, inputs.gust_omega_B)
     omegas, omega_B = _omega_stages(acting, body.omega_B, torques, dt)
     q_NB = normalize(_turn_stages(0.0, body.q_NB, omegas, dt)[1])

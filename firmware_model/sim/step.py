@@ -11,10 +11,10 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
-from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, single, storer
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, offsets, put, put_vector, single, storer
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
-from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams
+from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Motion, Stream
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
@@ -42,6 +42,11 @@ _load_battery, _store_battery = loader(BatteryState), storer(BatteryState)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
+_load_motion, _store_motion = loader(Motion), storer(Motion)
+_load_stream, _store_stream = loader(Stream), storer(Stream)
+_NOW, _END, _STREAM, _ACTUATORS = offsets([Motion, Motion, Stream])
+STAGE_ROWS = _ACTUATORS + 16
+"""Numbers of a flight between the stages of a step."""
 
 
 @kernel
@@ -68,7 +73,8 @@ def observe_kernel(
     force_noise = mixed_normals(mix, ACCELEROMETER_STREAM, sample, 0)
     if get(one, layout.BATTERY) != 0.0:
         drain_battery(one, x)
-    measure(one, x, free, True, True, scripted, gyro_noise, force_noise, time_us, single(record))
+    measure(one, x, free, True, scripted, gyro_noise, time_us, single(record))
+    measure_force(one, x, free, True, force_noise, single(record))
     _write_rotors(one, x, free, single(record))
 
 
@@ -84,7 +90,7 @@ def advance_kernel(
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
-        body = integrate_body(one, x, free, True, body, dt, row)
+        body = integrate_body(one, x, free, body, dt, row)
     if not free and (kind == OFF or (kind == WRENCH and setpoint[CLAMPED] != 0.0)):
         body = at_rest(start, body)
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
@@ -117,27 +123,21 @@ def measure(
     params: Lane,
     state: Lane,
     free: bool,
-    unusual: bool,
     full: bool,
     scripted: Disturbance,
-    gyro_noise: Float4,
-    force_noise: Float4,
+    noise: Float4,
     time_us: int,
     record: Lane,
 ) -> None:
-    """Write to `record` the fields of `observe_kernel` except the rotors, with standard normal numbers for the sensors.
+    """Write to `record` the fields of `observe_kernel` except those of `measure_force` and the rotors.
 
-    Unless `full`, leave out the on-board attitude, fields that are only recorded and, on the stand, the wind. Torque
-    and rate laws and the metrics need none of them. Unless `unusual`, skip contact and failed rotors.
+    The noise of the gyro is standard normal. Unless `full`, leave out the on-board attitude, fields that are only
+    recorded and, on the stand, the wind. Torque and rate laws and the metrics need none of them.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
     direct = _write_air(params, state, full or free, scripted, record)
-    force, moment, load = _sensor_wrench(params, body, free, unusual, direct, record)
-    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, gyro_noise, time)
+    rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, noise, time)
     put_vector(record, journal.GYRO_B, rate)
-    accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
-    put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, force_noise))
-    put_vector(record, journal.MOMENT, (moment[0] + direct[0], moment[1] + direct[1], moment[2] + direct[2]))
     put_vector(record, journal.OMEGA, body.omega_B)
     _put_float4(record, journal.Q_NB, body.q_NB)
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
@@ -152,13 +152,41 @@ def measure(
     if full or free:
         put_vector(state, X_DIRECT, direct)
         put_vector(record, journal.POSITION, body.position_N)
+    if not free:
+        air = _load_air_params(params, layout.AIR)
+        moment = gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST))
+        _put_moment(record, moment, direct)
     if full:
-        put(state, X_LOAD, load)
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
         given = given_by_rotors(_load_loss_params(params, layout.LOSS), body)
         put_vector(record, journal.TORQUE_B, given.torque_B)
         put(record, journal.THRUST, -given.thrust)
+
+
+@kernel
+def measure_force(params: Lane, state: Lane, free: bool, unusual: bool, noise: Float4, record: Lane) -> None:
+    """Write to `record` the specific force and, in free flight, the moment of the air; to `state` the ground's load.
+
+    It follows `measure`. The noise is standard normal. Unless `unusual`, skip contact and failed rotors.
+    """
+    body, load = _load_body(state, X_BODY), 0.0
+    if free:
+        direct = get_vector(state, X_DIRECT)
+        inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
+        force, moment, load = aerodynamics.sensor_wrench(_free_params(params), body, inputs)
+        _put_moment(record, moment, direct)
+    else:
+        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
+        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
+    accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
+    put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, noise))
+    put(state, X_LOAD, load)
+
+
+@kernel
+def _put_moment(record: Lane, a: Vector, b: Vector) -> None:
+    put_vector(record, journal.MOMENT, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
 
 
 @kernel
@@ -196,20 +224,6 @@ def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, re
 
 
 @kernel
-def _sensor_wrench(
-    params: Lane, body: Body, free: bool, unusual: bool, direct: Vector, record: Lane
-) -> tuple[Vector, Vector, float]:
-    """Return specific force [m/s^2] B, the air's moment [N*m] B, and the load on the ground [N]."""
-    if not free:
-        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
-        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
-        air = _load_air_params(params, layout.AIR)
-        return force, gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST)), 0.0
-    inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
-    return aerodynamics.sensor_wrench(_free_params(params), body, inputs)
-
-
-@kernel
 def _body_inputs(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
     """Return the inputs of the body from the record's sample on, under commands [N*m] B and [N]."""
     return BodyInputs(torque, moment, get_vector(record, journal.GUST_OMEGA), _ZERO, thrust)
@@ -233,29 +247,72 @@ def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
 
 
 @kernel
-def integrate_body(params: Lane, state: Lane, free: bool, unusual: bool, body: Body, dt: float, record: Lane) -> Body:
-    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample.
-
-    Unless `unusual`, contact and failed rotors are skipped.
-    """
-    actuators = _load_actuator_params(params, layout.ACTUATORS)
-    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
-    thrust = -get(record, journal.THRUST_COMMAND)
+def integrate_body(params: Lane, state: Lane, free: bool, body: Body, dt: float, record: Lane) -> Body:
+    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample."""
     if free:
-        sag = get(state, X_SAG)
-        torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
-        forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
-        inputs = FreeInputs(forces, _read_air(record), unusual, unusual)
-        return aerodynamics.step(_free_params(params), body, inputs, dt)
+        return aerodynamics.step(_free_params(params), body, _free_inputs(params, state, True, record), dt)
+    torque, thrust = _read_command(params, record)
     held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
     return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
 
 
 @kernel
-def step_body(params: Lane, state: Lane, free: bool, unusual: bool, dt: float, record: Lane) -> None:
+def _read_command(params: Lane, record: Lane) -> tuple[Vector, float]:
+    """Return the torque [N*m] B and thrust [N] that the actuators give for the record's command."""
+    actuators = _load_actuator_params(params, layout.ACTUATORS)
+    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
+    return torque, -get(record, journal.THRUST_COMMAND)
+
+
+@kernel
+def _free_inputs(params: Lane, state: Lane, unusual: bool, record: Lane) -> FreeInputs:
+    sag, (torque, thrust) = get(state, X_SAG), _read_command(params, record)
+    torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
+    forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
+    return FreeInputs(forces, _read_air(record), unusual, unusual)
+
+
+@kernel
+def step_body(params: Lane, state: Lane, free: bool, dt: float, record: Lane) -> None:
     """Step the body once, see `integrate_body`."""
-    body = integrate_body(params, state, free, unusual, _load_body(state, X_BODY), dt, record)
-    _store_body(state, X_BODY, body)
+    _store_body(state, X_BODY, integrate_body(params, state, free, _load_body(state, X_BODY), dt, record))
+
+
+@kernel
+def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane) -> None:
+    """Begin to step the body as `step_body` does one in free flight that is not unusual, with the same bits.
+
+    Each of the four stages is then a loop of its own over flights. A whole step is a chain so long that a processor
+    finds nothing else to do while it waits for a root. So each stage also takes the roots for the next.
+    """
+    constants, body = _free_params(params), _load_body(state, X_BODY)
+    inputs = _free_inputs(params, state, False, record)
+    T, torque_B, F, thrust = rigid_body.step_actuators(constants.body, body, inputs.body, dt)
+    motion = aerodynamics.get_motion(body)
+    _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, motion, F[0], inputs.air))
+    for i in range(4):
+        put_vector(work, _ACTUATORS + 4 * i, T[i])
+        put(work, _ACTUATORS + 4 * i + 3, F[i])
+    _store_body(state, X_BODY, aerodynamics.join(motion, torque_B, thrust))
+
+
+@kernel
+def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, record: Lane, work: Lane) -> None:
+    """Do a stage, 0 to 3: its derivative adds `share` [s] to the end of the step, and `h` [s] to the next stage."""
+    constants, inputs = _free_params(params), _free_inputs(params, state, False, record)
+    start, at = _load_motion(state, X_BODY), _ACTUATORS + 4 * stage
+    now = start if stage == 0 else _load_motion(work, _NOW)
+    end = start if stage == 0 else _load_motion(work, _END)
+    body, stream = aerodynamics.join(now, get_vector(work, at), get(work, at + 3)), _load_stream(work, _STREAM)
+    rate = aerodynamics.motion_rate(constants, body, stream, inputs)
+    end = aerodynamics.move_motion(end, share, rate)
+    if stage == 3:
+        _store_motion(state, X_BODY, aerodynamics.with_unit_length(end))
+    else:
+        now = aerodynamics.move_motion(start, h, rate)
+        _store_motion(work, _END, end)
+        _store_motion(work, _NOW, now)
+        _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, now, get(work, at + 7), inputs.air))
 
 
 @kernel

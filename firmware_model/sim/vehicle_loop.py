@@ -199,10 +199,10 @@ class VehicleLoop:
         """Change gains and limits of the on-board height and position loops."""
         self._state.set_position_loop(gains)
 
-    def record(self) -> tuple[float, ...]:
-        """Return the numbers of the journal's record at the sample: truth, inputs and measurements."""
+    def record(self) -> Array:
+        """Return the journal record (numbers,) of the sample: truth, inputs and measurements; valid until `advance`."""
         self._measure()
-        return tuple(self._record.tolist())
+        return self._record
 
     def true_vector(self, name: str) -> Vector:
         """Return a vector of the journal's record at the sample by its name, such as `omega_B` or `gust_B`."""

@@ -27,6 +27,8 @@ SCRIPT = 'description = "cut off"\nduration_s = 20.0\n[[wind]]\nkind = "dryden"\
 NAME = "gusty-hinf-d1-seed3"
 A_SECOND = 250  # samples
 ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
+pytestmark = pytest.mark.usefixtures("started_as_users")
+
 KILLER = Path(__file__).with_name("killer")
 POWER_LOSS = ("controller", "fly", "vehicle")
 KILLS = [POWER_LOSS, ("vehicle",), ("fly",), ("controller",), POWER_LOSS] * 2

@@ -23,6 +23,8 @@ from gustproof.law.form import load_law
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.processes import fly
 
+pytestmark = pytest.mark.usefixtures("started_as_users")
+
 LONG = replace(load_scenario("paper"), duration_s=3600.0)  # nobody waits for its end
 MINUTE = replace(load_scenario("paper"), duration_s=60.0)
 

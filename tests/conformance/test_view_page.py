@@ -220,6 +220,7 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
     assert flown.records.tobytes() == fly_loopback(script, LAW, vehicle=VEHICLE).tobytes()
 
 
+@pytest.mark.usefixtures("started_as_users")
 def test_pause_and_gusts_act_in_mid_flight(browser, tmp_path):
     script = scenario(3600.0)  # nobody waits for its end
     with watched(script, tmp_path, real_time=False) as flight:

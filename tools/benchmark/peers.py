@@ -141,6 +141,7 @@ def compare(bench: Bench, rates: Mapping[str, list[float]]) -> None:
     for name in [name for name in leads if PEERS[name].lower_order]:
         note = "on as many cores; its steps are of lower order than ours"
         bench.row(f"lanes vs {name}", "-", leads[name], note)
+        bench.row(f"free flight vs {name}", "-", _ratios(rates[FREE], rates[name]), note)
 
 
 def _ratios(ours: list[float], theirs: list[float]) -> list[float]:

@@ -31,7 +31,7 @@ def identify_rates(
     """
     from firmware_model.config.files import write_toml
     from gustproof.controller.excitation import DT, OMEGA, fly_excitation
-    from gustproof.synthesis.inner_loops import InnerLoops, fit_inner_loop
+    from gustproof.synthesis.inner_loops import RESONANCE, InnerLoops, fit_inner_loop
     from gustproof.synthesis.pid.autotune import phasors
 
     check_output(output, ".toml", "a file of rate loops", new=True)
@@ -45,8 +45,11 @@ def identify_rates(
     ]
     names = ("roll", "pitch", "yaw")
     roll, pitch, yaw = map(fit_inner_loop, repeat(OMEGA), responses, repeat(DT), names)
-    write_toml(InnerLoops(name=output.stem, roll=roll, pitch=pitch, yaw=yaw), output)
-    for axis, loop in zip(names, (roll, pitch, yaw), strict=True):
+    loops = InnerLoops(name=output.stem, roll=roll, pitch=pitch, yaw=yaw)
+    write_toml(loops, output)
+    for axis, loop, fastest in zip(names, (roll, pitch, yaw), loops.fastest().tolist(), strict=True):
         model = f"{loop.omega:.1f} rad/s, damping {loop.damping:.2f}, delay {1e3 * loop.delay:.0f} ms"
         print(f"{axis:<6} {model}, misfit {loop.misfit:.2f}")
+        if loop.peak >= RESONANCE:
+            print(f"{axis} resonates {loop.peak:.1f} times: a law over it crosses 1 at {fastest:.2f} rad/s")
     print(f"rate loops in {output}")

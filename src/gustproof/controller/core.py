@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
-from gustproof.controller.heading import SlowHeading
+from gustproof.controller.attitude import SlowAttitude
 from gustproof.entries.stepper import CheckedStepper
 from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
@@ -16,8 +16,7 @@ from gustproof.law.step import LawStepper
 Flown = Law | CheckedStepper
 """Law, or an entry that has been made."""
 References = Sequence[tuple[int, Vector]]
-_CORRECTION_RATE = 0.5  # [1/s]; ten times the leak of a law's estimate, a tenth of the loop's bandwidth
-_LARGEST_CORRECTION = 0.1  # [rad] difference that counts
+_CORRECTION_RATE = 5.0  # [1/s]; a hundred times the leak of a law's estimate
 _LONGEST_CORRECTION_S = 0.1
 _LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
 
@@ -48,7 +47,7 @@ class EntryStepper:
         """Return to the initial state; the reference stays."""
         self._entry.reset()
 
-    def correct(self, attitude: Vector, share: float, most: float) -> None:
+    def correct(self, attitude: Vector, share: float) -> None:
         """Do nothing: an entry keeps its attitude to itself."""
 
     def set_reference(self, euler: Vector) -> None:
@@ -79,6 +78,8 @@ class Controller:
     lacks the rotation in that time, unless the law is `interpolating`. It then steps at instants of its own, `dt`
     apart, on gyro and force interpolated between samples: any stamps at nearly its rate will do.
 
+    `earth_rate_N` [rad/s] is the turn of the earth, known where an estimator has taken all but that from the rates.
+
     `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
     level before the first. If the law is interpolating, they count from the last sample that reset it.
     """
@@ -96,7 +97,8 @@ class Controller:
         self._references = deque(references)
         self._began_us = self._step_at_us = 0
         self._before: tuple[float, ...] = (0.0,) * 6
-        self._heading: SlowHeading | None = None
+        self._attitude: SlowAttitude | None = None
+        self.earth_rate_N: Vector | None = None
 
     def answer(
         self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None
@@ -112,23 +114,22 @@ class Controller:
         if time_us > self.last_sample_us:
             if reset:
                 self._law.restart(attitude)
-                self._heading = SlowHeading(attitude) if attitude else None
+                self._attitude = SlowAttitude(attitude) if attitude else None
                 self.last_sample_us = -1
                 self._began_us = time_us if self.interpolating else 0
             self.step(time_us, sample.gyro_B, sample.specific_force_B)
         return self.command(time_us, self.fractions)
 
     def correct(self, attitude: Vector, step_s: float) -> None:
-        """Correct the law's attitude estimate slowly by the autopilot's [rad], `step_s` after the last correction.
+        """Correct the law's attitude estimate by the autopilot's [rad], `step_s` after the last correction.
 
         The autopilot knows gravity and north: a law that integrates the gyro alone drifts, faster where samples are
-        lost. The heading is that of a `SlowHeading`, from 0 at the start; without a start there is no correction.
+        lost. The law follows a `SlowAttitude`; without a start there is none, and no correction.
         """
-        if self._heading is not None:
+        if self._attitude is not None:
             step_s = min(step_s, _LONGEST_CORRECTION_S)
-            share = _CORRECTION_RATE * step_s
-            self._heading.correct(attitude, share, step_s)
-            self._law.correct((*attitude[:2], self._heading.turned), share, _LARGEST_CORRECTION)
+            self._attitude.correct(attitude, self.earth_rate_N, step_s)
+            self._law.correct(self._attitude.angles, _CORRECTION_RATE * step_s)
 
     def command(self, time_us: int, fractions: Vector) -> Command:
         """Return `fractions` of `scale` as the command for the sample with this stamp."""
@@ -143,8 +144,8 @@ class Controller:
         before_us, self.last_sample_us = self.last_sample_us, time_us
         if time_us - before_us != self._sample_us and before_us >= 0:
             self.missed += max(round((time_us - before_us) / self._sample_us) - 1, 0)
-        if self._heading is not None:
-            self._heading.add(gyro_B, 1e-6 * (time_us - before_us))
+        if self._attitude is not None:
+            self._attitude.add(gyro_B, 1e-6 * (time_us - before_us))
         if self.interpolating:
             self._interpolate(before_us, time_us, (*gyro_B, *force_B))
         else:

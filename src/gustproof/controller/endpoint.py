@@ -39,6 +39,7 @@ from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Messag
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER, command_long_message
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample, Vector
+from gustproof.controller.attitude import earth_rate
 from gustproof.controller.core import Controller, Flown, References, sample_time
 from gustproof.controller.families import (
     FAMILIES,
@@ -375,7 +376,7 @@ class ControllerEndpoint:
             return
         if self._time_runs:
             self._request_navigation(self._navigation)
-            self._request_parameters(self._family.fail_safe)
+            self._request_parameters(filter(None, (*self._family.fail_safe, self._family.estimator)))
             self._report_flight()
         if not self._piloted:
             self._enter(Phase.ARMING)
@@ -504,17 +505,33 @@ class ControllerEndpoint:
         if not _is_usable(name, value):
             return
         if name in self._family.fail_safe and self._piloted:
-            self._fail_safe[name] = value
-            if len(self._fail_safe) == len(self._family.fail_safe):
-                self._report(describe_fail_safe(self._family, self._fail_safe))
-                self._fail_safe = {}
+            self._on_fail_safe(name, value)
             return
+        if name == self._family.estimator and value:
+            self._request_origin()
         if self.phase is not _READING or self._controller is not None or name not in self._parameters:
             return
         self._parameters[name] = value
         known = {each: number for each, number in self._parameters.items() if number is not None}
         if len(known) == len(self._parameters):
             self._make_controller(known)
+
+    def _on_fail_safe(self, name: str, value: float) -> None:
+        self._fail_safe[name] = value
+        if len(self._fail_safe) == len(self._family.fail_safe):
+            self._report(describe_fail_safe(self._family, self._fail_safe))
+            self._fail_safe = {}
+
+    def _request_origin(self) -> None:
+        """Request where the vehicle flies: that gives the turn of the earth."""
+        if (controller := self._controller) is None:
+            return
+
+        def on_origin(message: Message) -> None:
+            controller.earth_rate_N = earth_rate(math.radians(1e-7 * message.latitude))
+
+        self._handlers[wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN] = on_origin
+        self._command(wire.MAV_CMD_REQUEST_MESSAGE, wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def _make_controller(self, known: Mapping[str, float]) -> None:
         hover = known[self._family.parameters[0]]

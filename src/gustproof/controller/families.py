@@ -31,6 +31,8 @@ class Family:
     """Messages that carry samples, the best first."""
     fail_safe: tuple[str, ...]
     """Parameters of its fail-safe when set-points stop."""
+    estimator: str = ""
+    """Parameter that is set if an estimator has taken all but the turn of the earth from the samples' rates."""
     takes_torques: bool = True
     """True if there are autopilots of this family that take torques."""
     streams_on_standby: bool = False
@@ -55,6 +57,7 @@ _PX4 = Family(
     parameters=(HOVER_NAME, RATE_NAME),
     samples=(wire.MAVLINK_MSG_ID_HIGHRES_IMU,),
     fail_safe=("COM_OF_LOSS_T", "COM_OBL_RC_ACT"),
+    estimator="EKF2_EN",
     streams_on_standby=True,
 )
 _GENERIC = replace(_PX4, name="a generic autopilot", streams_on_standby=False)

@@ -238,7 +238,7 @@ class Law:
             raise ValueError(f"dt is {self.dt!r}, must be positive and finite")
         if not np.all(self.limits > 0.0):
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
-        if np.any(self.G) and n < 6:
+        if self.has_kinematics and n < 6:
             raise ValueError(f"G is not 0 but A has order {n}; attitude and rates need x[0:6]")
         object.__setattr__(self, "rate_limit", self.rate_limit and _checked(self.rate_limit, n, m))
         object.__setattr__(self, "schedule", self.schedule and _checked_schedule(self.schedule, n, m))
@@ -266,9 +266,14 @@ class Law:
         return np.abs(self.rate_limit.limits / np.diag(self.rate_limit.S[:, :3]))
 
     @property
+    def has_kinematics(self) -> bool:
+        """True if the law's attitude estimate follows the exact kinematics, by `G`."""
+        return bool(np.any(self.G))
+
+    @property
     def is_scheduled(self) -> bool:
         """True if the law turns by its own attitude estimate: it has exact kinematics of it, or a schedule."""
-        return bool(np.any(self.G)) or self.schedule is not None
+        return self.has_kinematics or self.schedule is not None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as JSON for `parse_law`; every number is kept to the bit."""

@@ -73,7 +73,7 @@ def sampled_controller(law: Law) -> tuple[Lti, tuple[RealBlock, ...]]:
     schedule = law.schedule
     if schedule is None:
         raise ValueError(f"law '{law.name}' has no schedule")
-    if np.any(law.G) or law.takes_references or law.D.shape[1] != GYRO_REFERENCE_SIZE:
+    if law.has_kinematics or law.takes_references or law.D.shape[1] != GYRO_REFERENCE_SIZE:
         raise ValueError(f"law '{law.name}' has more than a schedule: kinematics, a reference or an accelerometer")
     pairs = list(zip(schedule.parameters, schedule.limits.tolist(), strict=True))
     order = sorted(range(len(pairs)), key=pairs.__getitem__)

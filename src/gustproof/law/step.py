@@ -90,7 +90,7 @@ def sparse_law(law: Law) -> SparseLaw:
     every = np.array([term for terms in filled for term in terms])
     # Copied, as some of a law are read-only and some are not: kernels would be compiled for each of the two.
     limits, rates, attitude = law.limits.copy(), own.limits.copy(), law.attitude_limits.copy()
-    kind = bool(np.any(law.G)), law.uses_accelerometer
+    kind = law.has_kinematics, law.uses_accelerometer
     return SparseLaw(ends, every, *kind, limits, rates, attitude, _rows_of_schedule(turn, n), law.dt)
 
 
@@ -348,16 +348,15 @@ class LawStepper:
         if attitude is not None and self._estimates:
             self._memory[:2] = attitude[:2]
 
-    def correct(self, attitude: Vector, share: float, most: float) -> None:
+    def correct(self, attitude: Vector, share: float) -> None:
         """Move the attitude estimate of a law that carries one by a share of its distance from `attitude` [rad].
 
-        Each distance is taken as `most` [rad] at most; the heading's is the shorter way round.
+        The heading's distance is the shorter way round.
         """
         if self._estimates:
             for axis, angle in enumerate(attitude):
                 away = angle - self._memory[axis]
-                away -= 2.0 * math.pi * round(away / (2.0 * math.pi))
-                self._memory[axis] += share * min(max(away, -most), most)
+                self._memory[axis] += share * (away - 2.0 * math.pi * round(away / (2.0 * math.pi)))
 
     def set_reference(self, euler: Vector) -> None:
         """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""

@@ -63,7 +63,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     '5.025 at 0.990 rad/s'
     """
     G = as_lti(system)
-    poles = G.poles()
+    poles = eigenvalues(G.A)
     beyond = np.abs(poles) - 1.0 if G.dt else poles.real
     if np.max(beyond, initial=-1.0) >= 0.0:
         worst = poles[np.argmax(beyond)]
@@ -86,7 +86,9 @@ def eigenvalues(A: Matrix) -> ComplexMatrix:
     """
     if not A.size:
         return np.zeros(0, dtype=np.complex128)
-    real, imaginary, _, _, failed = dgeev(np.asarray_chkfinite(A), compute_vl=0, compute_vr=0)
+    if not np.isfinite(A).all():
+        raise ValueError("the matrix has what is no number or infinite")
+    real, imaginary, _, _, failed = dgeev(A, compute_vl=0, compute_vr=0)
     if failed:
         raise np.linalg.LinAlgError("the eigenvalues did not converge")
     return np.asarray(real + 1j * imaginary)
@@ -125,9 +127,10 @@ def _continuous_peak(G: Lti, poles: ComplexMatrix, accuracy: float) -> Peak:
     best = Peak(gain=at_infinity, omega=np.inf)
     if not G.order or not G.D.size:
         return best
-    resonance = np.abs(poles) * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / np.abs(poles)) ** 2, 0.0))
-    best = _raise_lower_bound(G, best, np.unique(np.concatenate([[0.0], np.abs(poles), resonance])))
-    slowest, fastest = np.min(np.abs(poles)), np.max(np.abs(poles))
+    size = np.abs(poles)
+    resonance = size * np.sqrt(np.maximum(1.0 - 2.0 * (poles.real / size) ** 2, 0.0))
+    best = _raise_lower_bound(G, best, np.unique(np.concatenate([[0.0], size, resonance])))
+    slowest, fastest = np.min(size), np.max(size)
     if fastest > _STIFF * slowest:
         best = _search_grid(G, best, max(slowest, 1e-9 * fastest), fastest)
     if best.gain <= 0.0:
@@ -155,7 +158,7 @@ def _candidates(crossings: Matrix) -> Matrix:
     if crossings.size == 0:
         return crossings
     ends = np.concatenate([[0.0], crossings, [2.0 * crossings[-1]]])
-    return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[:-1] * ends[1:])])
+    return np.concatenate([crossings, 0.5 * (ends[:-1] + ends[1:]), np.sqrt(ends[1:-1] * ends[2:])])
 
 
 def _search_grid(G: Lti, best: Peak, slowest: float, fastest: float) -> Peak:
@@ -198,4 +201,4 @@ def _crossings(G: Lti, level: float) -> Matrix:
     values = eigenvalues(H)
     size = np.abs(values)
     on_axis = np.abs(values.real) <= _AXIS_TOLERANCE * size + 1e-13 * np.max(size)
-    return np.unique(np.abs(values.imag[on_axis]))
+    return np.sort(values.imag[on_axis & (values.imag >= 0.0)])

@@ -1,5 +1,6 @@
 """Stabilising solutions of algebraic Riccati equations by ordered real Schur form."""
 
+import math
 from enum import Enum
 
 import numpy as np
@@ -55,21 +56,21 @@ def stabilizing_solution(H: Matrix) -> Matrix:
     if not np.isfinite(H).all():
         raise DesignError("the Hamiltonian overflows: the plant is too badly scaled to solve")
     n = H.shape[0] // 2
+    # a plant's states often stand as chains, each driven by later ones: in reverse they need half of the QR steps
+    H = H.reshape(2, n, 2, n)[:, ::-1, :, ::-1].reshape(2 * n, 2 * n)
     scale = _symplectic_scale(H)
     T, _, real, imaginary, U, _, info = dgees(_select_all, H * scale[:, None] / scale, lwork=128 * n, overwrite_a=1)
     if not info:
         # dgees would sort as well, but by a Python call for each eigenvalue
-        _, U, real, imaginary, _, _, _, info = dtrsen(
-            (real < 0.0).astype(np.int32), T, U, job="N", overwrite_t=1, overwrite_q=1
-        )
+        _, U, real, imaginary, _, _, _, info = dtrsen(real < 0.0, T, U, job="N", overwrite_t=1, overwrite_q=1)
     # info: no convergence, or no reordering; reordering may also have rounded an eigenvalue across the axis
-    if info or not min(-real[:n].max(), real[n:].min()) > _AXIS_TOLERANCE * np.hypot(real, imaginary).max():
+    if info or not _is_split(real.tolist(), imaginary.tolist()):
         raise RiccatiError(RiccatiFailure.AXIS)
-    U1, U2 = U[:n, :n], U[n:, :n]
-    factors, pivots, _ = dgetrf(U1.T)
-    if dgecon(factors, np.abs(U1).sum(axis=1).max())[0] < _RANK_TOLERANCE:
+    U1, U2 = U[:n, :n].T, U[n:, :n].T
+    factors, pivots, _ = dgetrf(U1)
+    if dgecon(factors, np.abs(U1).sum(axis=0).max())[0] < _RANK_TOLERANCE:
         raise RiccatiError(RiccatiFailure.COMPLEMENT)
-    X = dgetrs(factors, pivots, U2.T)[0].T * scale[:n, None] * scale[:n]
+    X = (dgetrs(factors, pivots, U2)[0].T * scale[:n, None] * scale[:n])[::-1, ::-1]
     return np.asarray(0.5 * (X + X.T), dtype=np.float64)
 
 
@@ -78,11 +79,20 @@ def _select_all(_real: float, _imaginary: float) -> bool:
     return True
 
 
+def _is_split(real: list[float], imaginary: list[float]) -> bool:
+    """Return whether the first half of the eigenvalues is left of the axis and the other half right of it.
+
+    Lists, because arrays of so few numbers take longer.
+    """
+    n = len(real) // 2
+    return min(-max(real[:n]), min(real[n:])) > _AXIS_TOLERANCE * max(map(math.hypot, real, imaginary))
+
+
 def _symplectic_scale(H: Matrix) -> Matrix:
     """Return powers of two `(s, 1/s)`, (2n,), that balance `H` and keep it Hamiltonian."""
     n = H.shape[0] // 2
     off_diagonal = np.abs(H)
-    np.fill_diagonal(off_diagonal, 0.0)
+    off_diagonal.flat[:: 2 * n + 1] = 0.0
     factors = dgebal(off_diagonal, scale=1)[3]
     s: Matrix = np.exp2(np.rint(0.5 * np.log2(factors[n:] / factors[:n])))
     return np.concatenate([s, 1.0 / s])

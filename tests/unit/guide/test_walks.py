@@ -251,10 +251,11 @@ def run(line: str) -> tuple[Result, list[str]]:
 
 
 @pytest.fixture(scope="module")
-def _reader(_flown_here: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _reader(_flown_here: None, start_as_users: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Let all commands run in one folder, in the order of the pages."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with pytest.MonkeyPatch.context() as patch:
+        start_as_users(patch)
         prepare(tmp_path_factory.mktemp("walk"), patch)
         yield
     for number, handler in handlers.items():

@@ -30,6 +30,16 @@ def test_the_solution_agrees_with_scipy_however_the_state_is_scaled(scale):
     assert np.max(np.linalg.eigvals(A - B @ B.T @ X).real) < 0.0
 
 
+def test_the_order_of_the_states_changes_the_solution_by_rounding_alone():
+    # a chain of integrators, whose QR steps depend on the order that it stands in
+    A, B, Q = np.diag(np.ones(4), 1), np.eye(5)[:, -1:], np.diag([1.0, 0.0, 0.0, 0.0, 0.0])
+    order = np.array([4, 3, 2, 1, 0])
+    X = stabilizing_solution(regulator(A, B, Q))
+    turned = stabilizing_solution(regulator(A[np.ix_(order, order)], B[order], Q[np.ix_(order, order)]))
+    assert np.allclose(turned[np.ix_(order, order)], X, rtol=1e-12)
+    assert np.allclose(A.T @ X + X @ A - X @ B @ B.T @ X + Q, 0.0, atol=1e-12)
+
+
 def test_a_level_below_the_norm_puts_eigenvalues_on_the_axis():
     # the bounded-real equation of 1 / (s + 1), whose norm is 1, at the level 1/2
     with pytest.raises(RiccatiError, match="imaginary axis") as raised:

@@ -4,7 +4,17 @@ import control
 import numpy as np
 import pytest
 
-from gustproof.lti.state_space import Lti, as_lti, delay, discretize_zoh, gain, lft, sensitivity, series
+from gustproof.lti.state_space import (
+    Lti,
+    as_lti,
+    delay,
+    discretize_zoh,
+    gain,
+    largest_gain,
+    lft,
+    sensitivity,
+    series,
+)
 
 EXACT = 1e-12
 """A handful of floating-point operations on numbers near 1."""
@@ -46,6 +56,13 @@ def test_a_system_that_is_not_sound_is_refused(field, value, message):
     matrices = {"A": [[-1.0]], "B": [[1.0]], "C": [[1.0]], "D": [[0.0]], field: value}
     with pytest.raises(ValueError, match=message):
         Lti(**matrices)
+
+
+def test_the_largest_gain_of_a_matrix_is_numpys_and_there_is_none_of_what_is_no_number():
+    M = np.random.default_rng(1).normal(size=(3, 5))
+    assert largest_gain(M) == pytest.approx(np.linalg.norm(M, 2), rel=EXACT)
+    with pytest.raises(np.linalg.LinAlgError, match="did not converge"):
+        largest_gain(np.full((2, 2), np.nan))
 
 
 def test_series_multiplies_responses():

@@ -1,3 +1,6 @@
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,11 @@ STOCK = InnerLoops(
     roll=InnerLoop(omega=9.0, damping=0.7, delay=0.01),
     pitch=InnerLoop(omega=8.0, damping=0.7, delay=0.01),
     yaw=InnerLoop(omega=3.0, damping=0.9, delay=0.03),
+)
+
+# Yaw of ArduPilot's stock gains on vehicle `paper`, measured in flight.
+RESONANT = np.array([0.97, 1.16, 1.27, 1.99, 8.67, 0.64, 0.18, 0.05]) * np.exp(
+    1j * np.radians([1, -1, -12, -21, -121, -219, -250, -294])
 )
 
 
@@ -40,11 +48,20 @@ def test_noise_is_no_rate_loop():
         fit_inner_loop(OMEGA, rng.normal(size=8) + 1j * rng.normal(size=8), DT, "yaw")
 
 
+def test_resonant_loop_is_found_and_followed_slowly():
+    loop = fit_inner_loop(OMEGA, RESONANT, DT, "yaw")
+    assert (loop.omega, loop.damping, loop.peak) == pytest.approx((8.11, 0.057, 8.8), rel=0.01)
+    assert loop.misfit < 0.4
+    # an open loop that crosses 1 there and falls as 1/s is a quarter at the peak
+    slow = InnerLoops(name="slow", roll=STOCK.roll, pitch=STOCK.pitch, yaw=loop).fastest()
+    assert slow[2] == pytest.approx(0.25 * 8.11 / 8.8, rel=0.01)
+    assert np.all(slow[:2] == STOCK.fastest()[:2])
+    assert STOCK.yaw.peak == 1.0
+
+
 def test_loop_about_to_oscillate_is_told_by_its_peak():
-    # Yaw of ArduPilot's stock gains on vehicle `paper`, measured in flight.
-    gain, phase = [0.97, 1.16, 1.27, 1.99, 8.67, 0.64, 0.18, 0.05], [1, -1, -12, -21, -121, -219, -250, -294]
     with pytest.raises(DesignError, match=r"yaw answers 8\.7 times its command at 8\.2 rad/s: .* oscillate"):
-        fit_inner_loop(OMEGA, gain * np.exp(1j * np.radians(phase)), DT, "yaw")
+        fit_inner_loop(OMEGA, RESONANT.conj(), DT, "yaw")
 
 
 def test_delay_in_the_loop_agrees_to_second_order():
@@ -64,25 +81,30 @@ def test_file_is_read_back_equal_and_a_wrong_key_is_named(tmp_path):
         load_inner_loops(path)
 
 
-def test_law_is_no_faster_than_each_loop_and_stable_on_the_exact_one():
-    law, report = derive_over(load_design("R1"), STOCK)
+@pytest.mark.parametrize(
+    "yaw", [STOCK.yaw, InnerLoop(omega=8.11, damping=0.057, delay=0.045)], ids=["slow", "resonant"]
+)
+def test_law_is_no_faster_than_each_loop_and_stable_on_the_exact_one(yaw):
+    loops = replace(STOCK, yaw=yaw)
+    law, report = derive_over(load_design("R1"), loops)
     assert (law.name, report.design.name) == ("hinf-rates-stock", "R1-stock")
     crossovers = [loop.crossover for loop in report.sampled.input[:3]]
-    assert np.all(np.array(crossovers) < 1.05 * STOCK.fastest())
+    assert np.all(np.array(crossovers) < 1.05 * loops.fastest())
     assert crossovers[2] < 0.5 * crossovers[0]
     # the loops themselves, on the axes' integrators, their delay as whole samples
     A, B = np.zeros((9, 9)), np.zeros((9, 3))
     A[:3, 3:6], A[3:6, 6:] = np.eye(3), np.eye(3)
     A[:3, :3] = -1e-3 * np.eye(3)
-    for k, loop in enumerate((STOCK.roll, STOCK.pitch, STOCK.yaw)):
+    for k, loop in enumerate((loops.roll, loops.pitch, yaw)):
         A[6 + k, 3 + k], A[6 + k, 6 + k] = -(loop.omega**2), -2.0 * loop.damping * loop.omega
         B[6 + k, k] = loop.omega**2
     plant = discretize_zoh(Lti(A=A, B=B, C=np.eye(3, 9, 3), D=np.zeros((3, 3))), law.dt)
-    worst = []
-    for late in range(1, 10):
+    worst, last = [], 1 + math.ceil(yaw.delay / law.dt)
+    for late in range(1, last + 1):
         plant = series(delay(3, law.dt), plant)
-        Ms = [loop.Ms for loop in margins(plant, loop_law(law)).input[:3]]
-        worst += Ms[:2] if late == 4 else Ms[2:] if late == 9 else []
+        if late in (4, last):
+            Ms = [loop.Ms for loop in margins(plant, loop_law(law)).input[:3]]
+            worst += Ms[:2] if late == 4 else Ms[2:]
     assert len(worst) == 3
     assert max(worst) < 1.7
 

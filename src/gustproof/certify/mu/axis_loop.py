@@ -167,7 +167,7 @@ def axis_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> Axis
 def _axis_controller(law: Law, axis: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], Fraction]:
     """Return A, B, C, D from gyro to command of one axis, of rationals: (n, n), (n,), (n,), one number."""
     A = _rational(law.A)
-    if np.any(law.G):
+    if law.has_kinematics:
         A[:, 3:6] += _rational(law.G)
     B = law.B[:, axis]
     own, others = _reachable_states(A != 0, B), [k for k in range(3) if k != axis]

@@ -211,7 +211,7 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
 def _functions(writer: "_Writer") -> dict[str, bool]:
     """Return which functions the step calls, in the order of their definition."""
     law, single = writer.law, writer.single
-    is_exact, is_limited = bool(np.any(law.G)), law.rate_limit is not None
+    is_exact, is_limited = law.has_kinematics, law.rate_limit is not None
     turns = law.is_scheduled or is_limited or law.uses_accelerometer
     if single is None:
         feels = is_exact or law.uses_accelerometer
@@ -227,7 +227,7 @@ def _functions(writer: "_Writer") -> dict[str, bool]:
 def _kind(law: Law) -> str:
     if law.schedule is not None:
         return f"Scheduled on {', '.join(dict.fromkeys(law.schedule.parameters))}: its estimate, its gyro."
-    return "Scheduled with the exact kinematics of its own attitude estimate." if np.any(law.G) else "Linear."
+    return "Scheduled with the exact kinematics of its own attitude estimate." if law.has_kinematics else "Linear."
 
 
 def _header(writer: "_Writer", words: dict[str, str]) -> str:
@@ -273,7 +273,7 @@ def _filled(template: str, words: dict[str, str]) -> str:
 def _self_test(writer: "_Writer") -> dict[str, str]:
     """Return inputs that grow from 0, with commands and last state while these are finite."""
     law, single = writer.law, writer.single
-    sizes = _GROWING if law.rate_limit is None and not np.any(law.G) else np.concatenate([_GROWING, _SHRINKING])
+    sizes = _GROWING if law.rate_limit is None and not law.has_kinematics else np.concatenate([_GROWING, _SHRINKING])
     inputs = np.round(sizes[:, None] * np.random.default_rng(1).normal(size=(len(sizes), writer.measured)), 3)
     inputs[0] = 0.0
     x, last, commands = np.zeros(writer.rows), np.zeros(writer.rows), []
@@ -406,7 +406,7 @@ class _Writer(NamedTuple):
 
     def body(self) -> str:
         """Return the body of the step."""
-        lines = [*self._step(), *["turn_steep(x, rates, next);"] * bool(np.any(self.law.G))]
+        lines = [*self._step(), *["turn_steep(x, rates, next);"] * self.law.has_kinematics]
         whole = "\n".join([*lines, "y[" * (self.attitude is Attitude.AUTOPILOT), "x[" * (self.law.order > 0)])
         lines = [f"(void){array};" for array in ("x", "y") if f"{array}[" not in whole] + lines
         if self.law.order:
@@ -446,7 +446,7 @@ class _Writer(NamedTuple):
         ]
         if np.any(law.H):
             parts.append(f"const {real} excess[3] = {{command[0] - u[0], command[1] - u[1], command[2] - u[2]}};")
-        if np.any(law.G):
+        if law.has_kinematics:
             parts.append(f"\n{real} rates[3];\n{'euler_rates' if self.single is None else 'euler_excess'}(x, rates);")
         if n:
             A = law.A if self.single is None else self.single.A
@@ -492,7 +492,7 @@ class _Writer(NamedTuple):
         limits = _numbers(self.law.limits.tolist(), self.number)
         rates = str(int(self.law.output is Output.RATES))
         facts = {**words, "limits": limits, "rates": rates, "label": json.dumps(self.law.name), "lanes": self._lanes()}
-        facts["alone"] = _filled("steep_lanes.c", words) if np.any(self.law.G) else ""
+        facts["alone"] = _filled("steep_lanes.c", words) if self.law.has_kinematics else ""
         parts = ("library", False), ("lanes", True)
         return "".join(self.filled(f"{name}.{suffix}.in", facts, lanes=lanes) for name, lanes in parts)
 
@@ -501,7 +501,7 @@ class _Writer(NamedTuple):
         law, lines = self.law, self._step()
         text = re.sub(r"\b(x|y|command)\[(\d+)\]", r"\1[\2][w]", "\n".join(lines))
         text = re.sub(r"\b(rate_excess|euler_rates)\(x,", r"\1(own,", text).replace("(y + 6, x,", "(force, own,")
-        reads_own = bool(np.any(law.G)) or law.rate_limit is not None or law.uses_accelerometer
+        reads_own = law.has_kinematics or law.rate_limit is not None or law.uses_accelerometer
         first = [f"const double own[6] = {{{', '.join(f'x[{i}][w]' for i in range(6))}}};"] * reads_own
         force = ", ".join(f"y[{i}][w]" for i in range(6, 9))
         first += [f"const double force[3] = {{{force}}};"] * law.uses_accelerometer

@@ -85,7 +85,7 @@ class SingleLaw:
             after = np.concatenate([_sums(matrix, values), np.zeros(len(self.wide), dtype=_F)])
             for k, i in enumerate(self.wide):
                 after[i], after[n + k] = _wide_sum(matrix[i], values, i, x[n + k], exact=n + 6)
-            if np.any(law.G) and abs(x[1]) > _F(STEEP):
+            if law.has_kinematics and abs(x[1]) > _F(STEEP):
                 after[:3] += self._turned(x) - _F(law.dt) * (x[3:6] + rates)
         return after, command
 

@@ -6,7 +6,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gustproof.lti.state_space import Matrix, largest_gain
+from gustproof.lti.norms import eigenvalues
+from gustproof.lti.state_space import Matrix
 
 _NEAR = 1e-4
 """[-] zeros with a real part below this fraction of the norm of the state matrix are near the axis."""
@@ -33,16 +34,17 @@ class AxisZeros(NamedTuple):
     """(n - s - k,) [rad/s] eigenvalues of the rest: all other zeros are among them."""
 
 
-def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
-    """Return the unobservable modes of `(C, A)` near the imaginary axis; `size` is that of C, to tell rounding by.
+def find_axis_zeros(A: Matrix, C: Matrix, scale: float, size: float) -> AxisZeros:
+    """Return the unobservable modes of `(C, A)` near the imaginary axis.
 
+    `scale` and `size` are the sizes of A and C, to tell rounding by.
     With `u = -D12^+ C1 x` applied, these are the zeros of a plant from u to z. Chains of modes are found link by link.
     """
     if not np.isfinite(A).all():
         raise np.linalg.LinAlgError("the zeros overflow")
-    n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
+    n = A.shape[0]
     found, on_axis = np.zeros((n, 0)), None
-    rest, others = np.eye(n), np.linalg.eigvals(A)
+    rest, others = np.eye(n), eigenvalues(A)
     while True:
         directions, doubtful = _unobservable_near_axis(rest.T @ A @ rest, C @ rest, others, scale, size)
         on_axis = on_axis if doubtful is None else doubtful
@@ -50,7 +52,7 @@ def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
             break
         found = _orthonormal(np.hstack([found, rest @ directions]))
         rest = _complement(found)
-        others = np.linalg.eigvals(rest.T @ A @ rest)
+        others = eigenvalues(rest.T @ A @ rest)
     if not found.shape[1]:
         return AxisZeros(found, found, rest, np.zeros((0, 0)), on_axis, others)
     T, Z, count = scipy.linalg.schur(found.T @ A @ found, sort="lhp")
@@ -59,13 +61,11 @@ def find_axis_zeros(A: Matrix, C: Matrix, size: float) -> AxisZeros:
 
 
 def _unobservable_near_axis(
-    A: Matrix, C: Matrix, eigenvalues: NDArray[Any], scale: float, size: float
+    A: Matrix, C: Matrix, values: NDArray[Any], scale: float, size: float
 ) -> tuple[Matrix, complex | None]:
     """Return a basis of eigenvectors of unobservable modes near the axis, and one that may be on it."""
     kept, on_axis = [np.zeros((A.shape[0], 0))], None
-    for value in eigenvalues:
-        if abs(value.real) > _NEAR * scale or value.imag < 0.0:
-            continue
+    for value in values[(np.abs(values.real) <= _NEAR * scale) & (values.imag >= 0.0)]:
         pencil = np.vstack([(A - value * np.eye(len(A))) / scale, C / size])
         _, singular, Vh = np.linalg.svd(pencil)
         null = Vh[singular <= _UNOBSERVABLE].conj().T

@@ -43,7 +43,7 @@ class Units:
     @property
     def is_identity(self) -> bool:
         """True if no unit differs from the plant's."""
-        return all((each == 1.0).all() for each in (self.x, self.u, self.y))
+        return all(each.tolist().count(1.0) == each.size for each in (self.x, self.u, self.y))
 
     def __mul__(self, other: "Units") -> "Units":
         return Units(x=self.x * other.x, u=self.u * other.u, y=self.y * other.y)
@@ -95,8 +95,8 @@ def _looks_well_scaled(P: Lti, n_meas: int, n_con: int) -> bool:
     """Return True if rows and columns of the states are of like size, so that no search for units is worth its time."""
     into = np.linalg.norm(np.hstack([P.A, P.B[:, :-n_con]]), axis=1)
     out = np.linalg.norm(np.vstack([P.A, P.C[:-n_meas]]), axis=0)
-    sizes = np.concatenate([into, out])[np.concatenate([into, out]) > 0.0]
-    return bool(sizes.size == 0 or sizes.max() <= _ALIKE * sizes.min())
+    sizes = np.concatenate([into, out])
+    return bool(sizes.max() <= _ALIKE * sizes.min(where=sizes > 0.0, initial=np.inf))
 
 
 def own_units(P: Lti, n_meas: int, n_con: int) -> Units:

@@ -43,5 +43,6 @@ def _norm_error(P: Lti, K: Lti, peak: Peak) -> float:
     driven = np.zeros((len(equations), m1))
     driven[x], driven[y] = P.B[:, :m1], P.D[p1:, :m1]
     signals = np.linalg.solve(equations, driven)
-    other = np.linalg.norm(P.C[:p1] @ signals[x] + P.D[:p1, m1:] @ signals[u] + P.D[:p1, :m1], 2)
+    response = P.C[:p1] @ signals[x] + P.D[:p1, m1:] @ signals[u] + P.D[:p1, :m1]
+    other = np.linalg.svd(response, compute_uv=False)[0]
     return searched + abs(float(other) - peak.gain)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gustproof.errors import DesignError
+from gustproof.lti.norms import eigenvalues
 from gustproof.lti.state_space import Lti, Matrix, largest_gain
 from gustproof.synthesis.hinf.axis_zeros import AxisZeros, find_axis_zeros
 
@@ -63,7 +64,7 @@ class NormalizedPlant:
         """[-] lower bound of the level for all controllers, from the part of D11 that no controller affects."""
         D11 = self.D[: self.p1, : self.m1]
         rows, columns = D11[: self.p1 - self.m2], D11[:, : self.m1 - self.p2]
-        return max(float(np.linalg.norm(part, 2)) if part.size else 0.0 for part in (rows, columns))
+        return max(largest_gain(part) if part.size else 0.0 for part in (rows, columns))
 
     @property
     def size(self) -> float:
@@ -72,18 +73,18 @@ class NormalizedPlant:
         rate = largest_gain(A)
         return max(largest_gain(D11), largest_gain(C1) * largest_gain(B1) / rate if rate else 0.0)
 
-    def to_plant_units(self, K: Lti) -> Lti:
-        """Return the controller of the plant for the controller `K` of the normal form."""
-        B, C = K.B @ self.measurement_scale, self.control_scale @ K.C
-        D = self.control_scale @ K.D @ self.measurement_scale
+    def to_plant_units(self, A: Matrix, B: Matrix, C: Matrix, D: Matrix) -> Lti:
+        """Return the controller of the plant for the controller `C (s I - A)^-1 B + D` of the normal form."""
+        B, C = B @ self.measurement_scale, self.control_scale @ C
+        D = self.control_scale @ D @ self.measurement_scale
         if not self.D22.any():
-            return Lti(A=K.A, B=B, C=C, D=D)
+            return Lti(A=A, B=B, C=C, D=D)
         # the input of K is y - D22 u: u = C x + D (y - D22 u)
         closing = np.eye(self.m2) + D @ self.D22
         if np.linalg.cond(closing) > 1e12:
             raise DesignError("the loop is not well posed: I + D_K D22 is singular")
-        C, D = np.split(np.linalg.solve(closing, np.hstack([C, D])), [K.order], axis=1)
-        return Lti(A=K.A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
+        C, D = np.split(np.linalg.solve(closing, np.hstack([C, D])), [len(A)], axis=1)
+        return Lti(A=A - B @ self.D22 @ C, B=B - B @ self.D22 @ D, C=C, D=D)
 
 
 def require_sizes(P: Lti, n_meas: int, n_con: int) -> None:
@@ -109,16 +110,16 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
     D12, D21 = P.D[:p1, m1:], P.D[p1:, :m1]
-    _require_rank(D12, "D12 lacks full column rank: a control is not weighted in z")
-    _require_rank(D21.T, "D21 lacks full row rank: a measurement has no noise in w")
-    _require_stabilizable(P.A, B2, "P is not stabilisable by u")
-    _require_stabilizable(P.A.T, C2.T, "P is not detectable from y")
-    control_zeros = _require_no_axis_zero(P.A, B2, C1, D12, "from u to z")
-    filter_zeros = _require_no_axis_zero(P.A.T, C2.T, B1.T, D21.T, "from w to y")
-    Q_z, R_u = _complete_basis(D12)
-    Q_w, R_y = _complete_basis(D21.T)
-    control_scale: Matrix = np.asarray(np.linalg.inv(R_u), dtype=np.float64)
-    measurement_scale: Matrix = np.asarray(np.linalg.inv(R_y.T), dtype=np.float64)
+    Q_z, control_scale = _complete_basis(D12, "D12 lacks full column rank: a control is not weighted in z")
+    Q_w, noise_scale = _complete_basis(D21.T, "D21 lacks full row rank: a measurement has no noise in w")
+    measurement_scale = noise_scale.T
+    scale = max(largest_gain(P.A), np.finfo(float).tiny)
+    poles = eigenvalues(P.A)
+    for pole in poles[poles.real >= -_AXIS * scale]:
+        _require_controllable(P.A, B2, pole, scale, "P is not stabilisable by u")
+        _require_controllable(P.A.T, C2.T, pole, scale, "P is not detectable from y")
+    control_zeros = _require_no_axis_zero(P.A, B2 @ control_scale, C1, Q_z[:, -n_con:], "from u to z")
+    filter_zeros = _require_no_axis_zero(P.A.T, C2.T @ noise_scale, B1.T, Q_w[:, -n_meas:], "from w to y")
     rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
     rows[:p1, :p1], rows[p1:, p1:] = Q_z.T, measurement_scale
     columns[:m1, :m1], columns[m1:, m1:] = Q_w, control_scale
@@ -139,39 +140,32 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     )
 
 
-def _complete_basis(D: Matrix) -> tuple[Matrix, Matrix]:
-    """Return an orthogonal `Q` and a square `R` with `Q^T D R^-1 = [0; I]`."""
-    Q, R = np.linalg.qr(D, mode="complete")
-    m = D.shape[1]
-    return np.hstack([Q[:, m:], Q[:, :m]]), R[:m]
-
-
-def _require_rank(D: Matrix, failure: str) -> None:
-    singular = np.linalg.svd(D, compute_uv=False)
-    if D.shape[0] < D.shape[1] or singular[-1] <= _RANK * singular[0]:
+def _complete_basis(D: Matrix, failure: str) -> tuple[Matrix, Matrix]:
+    """Return an orthogonal `Q` and a square `S` with `Q^T D S = [0; I]`; raise if `D` lacks full column rank."""
+    singular, m = np.linalg.svd(D, compute_uv=False), D.shape[1]
+    if D.shape[0] < m or singular[-1] <= _RANK * singular[0]:
         raise SingularProblemError(failure)
+    Q, R = np.linalg.qr(D, mode="complete")
+    return np.hstack([Q[:, m:], Q[:, :m]]), np.asarray(np.linalg.inv(R[:m]), dtype=np.float64)
 
 
-def _require_stabilizable(A: Matrix, B: Matrix, failure: str) -> None:
-    """Raise if an eigenvalue that is not stable fails the Popov-Belevitch-Hautus test."""
-    n, scale = A.shape[0], max(largest_gain(A), np.finfo(float).tiny)
-    for pole in np.linalg.eigvals(A):
-        if pole.real >= -_AXIS * scale:
-            pencil = np.hstack([(A - pole * np.eye(n)) / scale, B / max(np.linalg.norm(B, 2), np.finfo(float).tiny)])
-            if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
-                raise DesignError(f"{failure}: mode at {_format_pole(pole)}")
+def _require_controllable(A: Matrix, B: Matrix, pole: complex, scale: float, failure: str) -> None:
+    """Raise if an eigenvalue of A, whose size is `scale`, fails the Popov-Belevitch-Hautus test."""
+    pencil = np.hstack([(A - pole * np.eye(len(A))) / scale, B / max(largest_gain(B), np.finfo(float).tiny)])
+    if np.linalg.svd(pencil, compute_uv=False)[-1] <= _RANK:
+        raise DesignError(f"{failure}: mode at {_format_pole(pole)}")
 
 
 def _require_no_axis_zero(A: Matrix, B: Matrix, C: Matrix, D: Matrix, path: str) -> AxisZeros:
     """Return the zeros near the axis; raise if one is on it: `[A - jw, B; C, D]` loses column rank there.
 
-    Such zeros are unobservable modes of a reduced pair.
+    Such zeros are unobservable modes of a reduced pair. The columns of `D` are orthonormal.
     """
-    F = np.linalg.lstsq(D, C, rcond=None)[0]
+    F = D.T @ C
     A_reduced, C_reduced = A - B @ F, C - D @ F
     scale = max(largest_gain(A_reduced), np.finfo(float).tiny)
     size = max(largest_gain(C), np.finfo(float).tiny)
-    zeros = find_axis_zeros(A_reduced, C_reduced, size)
+    zeros = find_axis_zeros(A_reduced, C_reduced, scale, size)
     on_axis = zeros.on_axis
     for zero in zeros.others:
         if abs(zero.real) <= _AXIS * scale:

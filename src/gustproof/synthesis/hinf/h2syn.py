@@ -101,8 +101,7 @@ def _solve(plant: Lti, image: Lti, units: Units) -> H2Result:
     X, F, _ = solve_riccati(riccati_data(A, B2, C1, D12, 0, problem.control_zeros), 1.0)
     Y, Lt, _ = solve_riccati(riccati_data(A.T, C2.T, B1.T, D21.T, 0, problem.filter_zeros), 1.0)
     gamma = float(np.sqrt(max(np.trace(B1.T @ X @ B1) + np.trace(F @ Y @ F.T), 0.0)))
-    central = Lti(A=A + B2 @ F + Lt.T @ C2, B=-Lt.T, C=F, D=np.zeros((problem.m2, problem.p2)))
-    K = problem.to_plant_units(central)
+    K = problem.to_plant_units(A + B2 @ F + Lt.T @ C2, -Lt.T, F, np.zeros((problem.m2, problem.p2)))
     try:
         norm = h2_norm(lft(units.apply(plant, K.n_inputs, K.n_outputs), K))
     except ValueError as failure:

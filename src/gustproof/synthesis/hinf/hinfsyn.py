@@ -172,7 +172,7 @@ class _Design(NamedTuple):
             lambda result: result.gamma_opt,
             regularize=regularize,
         )
-        return replace(result, regularization=weight, gamma_excess=excess)
+        return replace(result, regularization=weight, gamma_excess=excess) if weight else result
 
     def _solve_image(self, image: Lti, units: Units) -> HinfResult:
         """Return the checked controller of an image of the plant in `units`."""
@@ -355,8 +355,7 @@ def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: fl
     B_hat = Z @ ((B2 + L12) @ D_hat - L2)
     C_hat = F2 - D_hat @ (C2 + F12)
     A_hat = A + B @ F - B_hat @ (C2 + F12)
-    normalized = Lti(A=A_hat, B=B_hat, C=C_hat, D=D_hat)
-    return problem.to_plant_units(normalized)
+    return problem.to_plant_units(A_hat, B_hat, C_hat, D_hat)
 
 
 def _decouple(K: Lti, P: Lti) -> Lti:
@@ -372,9 +371,7 @@ def _decouple(K: Lti, P: Lti) -> Lti:
     joined[n + m :, :n] = P.C != 0.0
     joined[n + m :, n : n + m] = P.D != 0.0
     joined += joined.T
-    count = 0
-    while np.count_nonzero(joined) > count:  # each product doubles the length of the paths
-        count = int(np.count_nonzero(joined))
+    for _ in range(len(joined).bit_length()):  # each product doubles the length of the paths
         joined = np.minimum(joined @ joined, 1.0)
     x, u, y = slice(n), slice(n + m - K.n_outputs, n + m), slice(n + m + p - K.n_inputs, n + m + p)
     A, B = np.where(joined[x, x], K.A, 0.0), np.where(joined[x, y], K.B, 0.0)

@@ -42,6 +42,8 @@ class RiccatiData(NamedTuple):
     """(m1 + m2, m1 + m2) identity on w, 0 on u."""
     natural_size: float
     """[-] size of a solution, the scale for its eigenvalues."""
+    allowance: Matrix
+    """(n, n) half of what an eigenvalue may be negative by, times the identity."""
     zeros: AxisZeros
     """Zeros near the imaginary axis."""
     quotient: "RiccatiData | None"
@@ -50,7 +52,8 @@ class RiccatiData(NamedTuple):
 
 def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: AxisZeros) -> RiccatiData:
     """Return the data of a Riccati equation of the first `m1` inputs as disturbances, the others as controls."""
-    natural_size = float(largest_gain(C1) ** 2 / largest_gain(A)) if np.any(A) else 1.0
+    rate = largest_gain(A)
+    natural_size = largest_gain(C1) ** 2 / rate if rate else 1.0
     J = np.diag((np.arange(D1.shape[1]) < m1).astype(np.float64))
     S, n, quotient = D1.T @ C1, len(A), None
     H = np.zeros((2 * n, 2 * n))
@@ -72,6 +75,7 @@ def riccati_data(A: Matrix, B: Matrix, C1: Matrix, D1: Matrix, m1: int, zeros: A
         into=np.concatenate([B, -S.T]),
         J=J,
         natural_size=natural_size,
+        allowance=0.5 * _SEMIDEFINITE * natural_size * np.eye(n),
         zeros=zeros,
         quotient=quotient,
     )
@@ -95,16 +99,16 @@ def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool
             X = stabilizing_solution(_hamiltonian(half, feedback))
         except RiccatiError as error:
             raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
-        definite = _is_semidefinite(X, half.natural_size)
+        definite = _is_semidefinite(X, half)
     return X, -(feedback[:, :n] + feedback[:, n:] @ X), definite
 
 
-def _is_semidefinite(X: Matrix, natural_size: float) -> bool:
+def _is_semidefinite(X: Matrix, half: RiccatiData) -> bool:
     """Return whether no eigenvalue is negative. A Cholesky factor of a slightly larger matrix, if it exists, tells."""
-    if not dpotrf(X + 0.5 * _SEMIDEFINITE * natural_size * np.eye(X.shape[0]))[1]:
+    if not dpotrf(X + half.allowance)[1]:
         return True
     eigenvalues = np.linalg.eigvalsh(X)
-    return bool(eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], natural_size))
+    return bool(eigenvalues[0] >= -_SEMIDEFINITE * max(eigenvalues[-1], half.natural_size))
 
 
 def has_no_solution(half: RiccatiData, gamma: float) -> bool:

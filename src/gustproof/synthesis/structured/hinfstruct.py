@@ -16,7 +16,7 @@ from gustproof.synthesis.structured.blocks import Structure, full_structure
 from gustproof.synthesis.structured.goals import NORM, GainGoal, Goal
 from gustproof.synthesis.structured.loop import augment_plant, close_loop, loop_peak
 from gustproof.synthesis.structured.objective import PenaltyFunction, Problem
-from gustproof.synthesis.structured.search import minimize
+from gustproof.synthesis.structured.search import Minimum, minimize
 
 _BACKOFFS = (1.1, 1.3, 3.0)
 """[-] levels over the least of the central controllers that are reduced to starting points."""
@@ -25,6 +25,12 @@ _STABLE_ABSCISSA = -1e-3
 _STABILIZING_STEPS, _STEPS, _RESTARTS = 300, 1000, 2
 _SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
 """[-] sizes of random starts in turn: the best of several local minima may have small or large parameters."""
+_ATTEMPTS = 12
+"""Largest number of further attempts to stabilise for each start, if all failed."""
+_FRESH, _DECADES, _CHANGES = 3, (-2.0, 2.0), (-2.0, 0.5)
+"""Every third attempt is at a new point; decades of the sizes of these, and of the relative changes in the others."""
+_UNSTABLE = "unstable"
+"""Beginning of the failure of a start without a stable loop."""
 _PERTURBATIONS = (1e-3, 1.0)
 """[-] least and largest relative size of the random change to the best parameters before its search is repeated."""
 _LENGTHS, _ALLOWED = (4.0, 2.0, 1.0, 0.5), 1.5
@@ -105,6 +111,7 @@ def hinfstruct(
 
     The last `n_meas` outputs of `P` are measured, its last `n_con` inputs are controls; D is arbitrary. From several
     starts, BFGS first minimises the spectral abscissa until the loop is stable, then the norm over the parameters.
+    If no start gets stable, up to twelve further attempts for each follow, from points of many sizes and near the best.
     Gradients are analytic, from the singular vectors at the peaks of the norm.
 
     The result is a local minimum of a problem that is not convex. The only bound on better controllers is `gamma_opt`,
@@ -184,11 +191,12 @@ def search_problem(
     if near is not None:
         points = [("design before", near)]
     search = _Search(problem, np.random.default_rng([seed, starts]))
-    search.run(points, progress)
+    search.run(points, 0 if near is not None else _ATTEMPTS * starts, progress)
     progress(1.0, "checked")
     if search.best is None:
         failures = "; ".join(f"{start.name}: {start.failure}" for start in search.tried)
-        raise DesignError(f"no controller of this structure was found in {len(search.tried)} starts: {failures}")
+        more = f" and {search.attempts} more for a stable loop" if search.attempts else ""
+        raise DesignError(f"no controller of this structure was found in {len(search.tried)} starts{more}: {failures}")
     return search.result(gamma_opt)
 
 
@@ -214,6 +222,7 @@ class _Search:
         self._rng = rng
         self._found: list[Matrix] = []
         self.tried: list[Start] = []
+        self.attempts = 0
 
     @property
     def best(self) -> int | None:
@@ -230,10 +239,11 @@ class _Search:
         """The least target so far; infinite if all failed."""
         return np.inf if self.best is None else self.tried[self.best].target
 
-    def run(self, points: list[tuple[str, Matrix]], progress: Progress) -> None:
+    def run(self, points: list[tuple[str, Matrix]], attempts: int, progress: Progress) -> None:
         """Search from each of `points`, then near the best until two agree or that helps no longer.
 
-        If no two agree, a static gain is first searched from all points, if several, in the other metrics.
+        If no two agree, a static gain is first searched from all points, if several, in the other metrics. If none got
+        stable, up to `attempts` random points are tried until one does.
         """
         rounds = [[int(name.endswith(_BALANCED)) for name, _ in points]]
         if len(self._metrics) > 2 and len(points) > 1:
@@ -246,7 +256,26 @@ class _Search:
                 label = f"{name.removesuffix(_BALANCED)}{_ENDS[metric]}"
                 progress(k / (total + limit), f"{label}; best so far {self.least:.5g}")
                 self._start(label, theta, metric)
+        if all(start.failure.startswith(_UNSTABLE) for start in self.tried):
+            self._stabilize(attempts, lambda text: progress(total / (total + limit), text))
         self._search_near_best(limit, lambda done, text: progress((total + done) / (total + limit), text))
+
+    def _stabilize(self, attempts: int, progress: Callable[[str], None]) -> None:
+        """Search for a stable loop from random points and near the best of them, and start from the first found."""
+        problem, _, relative = self._metrics[0]
+        rng, stability, best = self._rng, problem.stability(), Minimum(theta=self._found[0], value=np.inf)
+        for self.attempts in range(1, attempts + 1):
+            progress(f"attempt {self.attempts} at a stable loop; least abscissa {best.value:.3g}")
+            if self.attempts % _FRESH == 1:
+                theta = 10.0 ** rng.uniform(*_DECADES) * problem.structure.draw(rng)
+            else:
+                theta = best.theta * (1.0 + 10.0 ** rng.uniform(*_CHANGES) * rng.normal(size=best.theta.size))
+            turn = relative and self.attempts % 2 == 0
+            found = minimize(stability, theta, steps=_STEPS, stop_below=_STABLE_ABSCISSA, relative=turn)
+            best = min(best, found, key=lambda minimum: minimum.value)
+            if best.value < 0.0:
+                self._start(f"attempt {self.attempts}", best.theta, 0)
+                break
 
     def _search_near_best(self, limit: int, progress: Callable[[int, str], None]) -> None:
         """Search near the best until two agree, or `limit` searches made little progress."""
@@ -370,7 +399,7 @@ def _descend(metric: _Metric, name: str, theta: Matrix) -> tuple[Start, Matrix]:
     if stable.value >= 0.0 or (
         not np.isfinite(objective.use_penalty(1.0).goal_values(theta)[0]) and stable.value > _STABLE_ABSCISSA
     ):
-        return Start(name=name, target=np.inf, failure=f"unstable, abscissa {stable.value:.3g}"), theta
+        return Start(name=name, target=np.inf, failure=f"{_UNSTABLE}, abscissa {stable.value:.3g}"), theta
     if problem.hard_goals:
         theta, hard = _satisfy(objective, theta)
         if wrong := [f"{goal} {value:.4g} of its limit" for goal, value in hard.items() if not value <= 1.0]:

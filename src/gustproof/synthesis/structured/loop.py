@@ -7,6 +7,7 @@ A sampled loop is treated by its bilinear transform `z = (1 + s dt/2) / (1 - s d
 become `1/z`, so M keeps its numbers. The transform keeps stability and H-infinity norms.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -108,7 +109,7 @@ class ClosedLoop(NamedTuple):
 def close_loop(plant: AugmentedPlant, M: Matrix) -> ClosedLoop:
     """Return the closed loop `u = M y`; its numbers are not finite if it is not well posed."""
     B2, C2, D12, D21 = plant.B2, plant.C2, plant.D12, plant.D21
-    if np.any(plant.D22):
+    if plant.D22.any():
         loop = np.eye(M.shape[0]) - M @ plant.D22
         E = np.linalg.inv(loop) if abs(np.linalg.det(loop)) > 1e-9 else np.full(loop.shape, np.nan)
         F = np.eye(M.shape[1]) + plant.D22 @ E @ M
@@ -186,15 +187,16 @@ def loop_peak(loop: ClosedLoop, warm: list[float]) -> Peak:
     a Hamiltonian matrix. A search calls it thousands of times on similar loops, so the first guess is nearly always the
     peak.
     """
-    if not np.all(np.isfinite(loop.A)):
+    if not np.isfinite(loop.A).all():
         return Peak(gain=np.inf, omega=0.0)
     poles = eigenvalues(loop.A)
-    if not np.max(poles.real) < -_ROUNDING * np.max(np.abs(poles)):
+    size = np.abs(poles)
+    if not poles.real.max() < -_ROUNDING * size.max():
         return Peak(gain=np.inf, omega=0.0)
     best = Peak(gain=_feedthrough(loop), omega=np.inf)
-    upper = poles[poles.imag >= 0.0]
-    resonance = np.sqrt(np.maximum(upper.imag**2 - upper.real**2, 0.0))
-    best = _raise_bound(loop, best, np.concatenate([[0.0], warm, np.abs(upper), resonance[resonance > 0.0]]))
+    upper = poles.imag >= 0.0
+    squares = poles.imag[upper] ** 2 - poles.real[upper] ** 2
+    best = _raise_bound(loop, best, np.concatenate([[0.0], warm, size[upper], np.sqrt(squares[squares > 0.0])]))
     for _ in range(_ROUNDS if best.gain > 0.0 else 0):
         ends = crossings(loop, (1.0 + _ACCURACY) * best.gain)
         if ends.size == 0:
@@ -250,7 +252,7 @@ def h2_slope(loop: ClosedLoop) -> Slope:
 def crossings(loop: ClosedLoop, level: float) -> Matrix:
     """Return the frequencies >= 0, ascending, where a singular value may equal `level` (> sigma_max(D))."""
     A, B, C, D = loop[:4]
-    if np.any(D):
+    if D.any():
         R = level**2 * np.eye(D.shape[1]) - D.T @ D
         S = level**2 * np.eye(D.shape[0]) - D @ D.T
         A = A + B @ np.linalg.solve(R, D.T @ C)
@@ -262,8 +264,8 @@ def crossings(loop: ClosedLoop, level: float) -> Matrix:
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, Q, -N, -A.T
     values = eigenvalues(H)
     size = np.abs(values)
-    found = values[np.abs(values.real) <= _ON_AXIS * size + 1e-13 * np.max(size)]
-    return np.unique(np.abs(found.imag)) if found.size else found.real
+    on_axis = np.abs(values.real) <= _ON_AXIS * size + 1e-13 * size.max()
+    return np.sort(values.imag[on_axis & (values.imag >= 0.0)])
 
 
 def _feedthrough(loop: ClosedLoop) -> float:
@@ -273,7 +275,7 @@ def _feedthrough(loop: ClosedLoop) -> float:
 
 def _raise_bound(loop: ClosedLoop, best: Peak, omega: Matrix) -> Peak:
     gains = _gains(loop, omega)
-    k = int(np.argmax(gains))
+    k = gains.argmax()
     return Peak(gain=float(gains[k]), omega=float(omega[k])) if gains[k] > best.gain else best
 
 
@@ -302,14 +304,17 @@ def _local_peaks(loop: ClosedLoop, level: float) -> list[float]:
 
 def _gains(loop: ClosedLoop, omega: Matrix) -> Matrix:
     """Return the largest singular value at each frequency `omega` [rad/s]."""
-    pencil = 1j * omega[:, None, None] * np.eye(loop.A.shape[0]) - loop.A
+    n = len(loop.A)
+    pencil = np.empty((omega.size, n, n), dtype=np.complex128)
+    pencil[:] = -loop.A
+    pencil.reshape(omega.size, -1).imag[:, :: n + 1] = omega[:, None]
     response = loop.C @ np.linalg.solve(pencil, loop.B[None].astype(np.complex128)) + loop.D
     return np.asarray(np.linalg.svd(response, compute_uv=False)[:, 0])
 
 
 def _transfers(loop: ClosedLoop, omega: float) -> tuple[ComplexMatrix, ComplexMatrix, ComplexMatrix]:
     """Return the loop's response at `omega`, and the left and right factors of dM in its derivative."""
-    if not np.isfinite(omega):
+    if math.isinf(omega):
         return _as_complex(loop.D), _as_complex(loop.D12), _as_complex(loop.D21)
     pencil = 1j * omega * np.eye(loop.A.shape[0]) - loop.A
     right, left = np.linalg.solve(pencil, _as_complex(loop.B)), np.linalg.solve(pencil.T, _as_complex(loop.C.T)).T

@@ -1,5 +1,6 @@
 """Functions to minimise: goals of the worst model as functions of a structured controller's parameters."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -59,7 +60,7 @@ class NormCriterion:
             self.last = loop_h2_norm(self._loop) / self.limit
             return self.last
         self._peak = loop_peak(self._loop, self._warm)
-        if np.isfinite(self._peak.gain) and np.isfinite(self._peak.omega):
+        if math.isfinite(self._peak.gain) and math.isfinite(self._peak.omega):
             self._warm = [self._peak.omega, *self._warm][:_WARM_STARTS]
         self.last = self._peak.gain / self.limit
         return self.last
@@ -157,7 +158,7 @@ class PenaltyFunction:
         """Return the value."""
         if self._theta is None or not np.array_equal(theta, self._theta):
             self._evaluate(theta)
-        target = max(self._targets) / self.scale if np.isfinite(self.scale) else 0.0
+        target = max(self._targets) / self.scale if math.isfinite(self.scale) else 0.0
         if self._minimax:
             return max([target, *(1.0 + excess for excess in self._excesses)])
         return target + self.penalty * max([0.0, *self._excesses])
@@ -165,11 +166,11 @@ class PenaltyFunction:
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
         """Return the branches within the fraction `near` of the largest, the largest first."""
         top = self.value(theta)
-        if not np.isfinite(top):
+        if not math.isfinite(top):
             return []
         zero = Branch(0.0, np.zeros(theta.size))
         target = [zero]
-        if np.isfinite(self.scale):
+        if math.isfinite(self.scale):
             target = self._branches(self.target, self._targets, 1.0 / self.scale, near * top)
         if self._minimax:
             hard = self._branches(self.hard_goals, [1.0 + excess for excess in self._excesses], 1.0, near * top)

@@ -4,6 +4,7 @@ Where several branches of a maximum are active, BFGS represents their crease as 
 Finally all nearly active branches are lowered at once, by steps from a small quadratic program in the metric of BFGS.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -174,7 +175,7 @@ def _weak_wolfe(
             if not branches or float(branches[0].gradient @ direction) >= _WOLFE * slope:
                 return length, reached, branches
             low = length
-        length = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
+        length = 0.5 * (low + high) if math.isfinite(high) else 2.0 * low
     return best
 
 

@@ -155,3 +155,15 @@ def test_simulator_link_takes_frames_out_of_noise_and_halves() -> None:
     assert link.answer is not None
     assert (link.answer.time_us, link.answer.controls, link.answer.is_armed) == (8000, (0.5,) * 16, True)
     assert link.answer.is_lockstep
+
+
+def test_ping_follows_a_set_point_and_its_own_echo_is_awaited(pilot: Pilot) -> None:
+    pilot.target, pilot.wants_echo = AttitudeTarget(0, LEVEL, None, 0.5), True
+    assert [message.get_type() for message in sent(pilot, 20_000)][-2:] == ["DEBUG_FLOAT_ARRAY", "PING"]
+    for target, time_us in ((0, 20_000), (245, 0), (245, 20_000)):  # of the guest, of another set-point, of this one
+        assert pilot.awaits_echo
+        say(pilot, wire.MAVLink_ping_message(time_us, 0, target, 191))
+    assert not pilot.awaits_echo
+    pilot.wants_echo = False
+    assert "PING" not in [message.get_type() for message in sent(pilot, 40_000)]
+    assert not pilot.awaits_echo

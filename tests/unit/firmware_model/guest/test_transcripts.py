@@ -209,7 +209,7 @@ def record(autopilot: str, folder: Path, patch: pytest.MonkeyPatch) -> dict[str,
     guest = make_guest(options(autopilot, BUILDS[autopilot], folder), scenario, load_vehicle("paper"))
     pilot = guest.make_pilot()
     with udp.bind(0) as bound:
-        exchange = _exchanger(Link(pilot, session), bound, guest.arrival_s)
+        exchange = _exchanger(Link(pilot, session), bound, guest.arrival_s, pilot)
         try:
             fly(Taped(Tape(guest), session, patch), pilot, scenario, exchange, bound.getsockname()[1])
         finally:

@@ -34,6 +34,7 @@ from gustproof.synthesis.structured.goals import (
 )
 from gustproof.synthesis.structured.hinfstruct import Start, _Search, hinfstruct
 from gustproof.synthesis.structured.objective import Problem
+from gustproof.synthesis.structured.search import Minimum, minimize
 
 GOLDEN = json.loads((Path(__file__).parents[3] / "golden" / "compleib.json").read_text(encoding="utf-8"))["plants"]
 NEAR = 1.005
@@ -282,8 +283,22 @@ def test_white_noise_straight_to_what_is_minimised_is_an_error():
 
 def test_a_plant_that_no_gain_stabilises_is_an_error():
     double = Lti(A=[[0.0, 1.0], [0.0, 0.0]], B=[[0.0, 0.0], [1.0, 1.0]], C=[[1.0, 0.0], [1.0, 0.0]], D=np.zeros((2, 2)))
-    with pytest.raises(DesignError, match="random 1: unstable"):
+    with pytest.raises(DesignError, match=r"in 6 starts and 24 more for a stable loop: random 1: unstable"):
         hinfstruct(double, 1, 1, starts=2)
+
+
+def test_a_stable_loop_that_no_start_finds_is_sought_further(monkeypatch):
+    def refuse_to_stabilise(function, theta, *, steps, **options):
+        if steps == 300:  # those of a start
+            return Minimum(theta=theta, value=function.value(theta))
+        return minimize(function, theta, steps=steps, **options)
+
+    monkeypatch.setattr("gustproof.synthesis.structured.hinfstruct.minimize", refuse_to_stabilise)
+    P = Lti(A=[[30.0]], B=[[1.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=[[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    result = hinfstruct(P, 1, 1, starts=1)
+    assert result.starts[0].failure.startswith("unstable, abscissa 3")
+    assert result.starts[result.winner].name.startswith("attempt ")
+    assert result.theta[0] < -30.0
 
 
 @pytest.mark.parametrize(
