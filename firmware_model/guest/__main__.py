@@ -165,9 +165,10 @@ def _exchanger(
                 bound.sendto(datagram, peer)
         if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
             time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
-        until_s = time.monotonic() + _COMMAND_WAITS * wait_s
-        while pilot.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
-            _receive(endpoint, bound, now_us)
+        if pilot.awaits_echo:
+            until_s = time.monotonic() + _COMMAND_WAITS * wait_s
+            while pilot.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
+                _receive(endpoint, bound, now_us)
 
     return exchange
 

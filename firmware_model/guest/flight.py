@@ -44,8 +44,7 @@ class GuestFlight:
 
     `exchange` carries the pilot's datagrams, called with the world's time [us]. With True it waits until they have
     arrived: then two flights get the same set-point at the same sample. In the scenario the pilot's echo tells that, in
-    a tenth of the time. `estimate` gets each attitude estimate
-    of the scenario, on the scenario's clock.
+    a tenth of the time. `estimate` gets each attitude estimate of the scenario, on the scenario's clock.
     """
 
     def __init__(

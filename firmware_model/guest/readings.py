@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT
+from firmware_model.mavlink.services.geodesy import ORIGIN_DEG, ORIGIN_HEIGHT, earth_rate
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.random import NAVIGATION_STREAM
@@ -23,9 +23,8 @@ Autopilots correct the compass by a table of that model: 3.41 deg east, 63.2 deg
 DECLINATION = math.atan2(FIELD_N[1], FIELD_N[0])
 """[rad] from true to magnetic north."""
 _NUMBERS = 33  # in `Readings` after its time
-_LATITUDE = math.radians(ORIGIN_DEG[0])
-EARTH_RATE_N = (7.2921e-5 * math.cos(_LATITUDE), 0.0, -7.2921e-5 * math.sin(_LATITUDE))
-"""[rad/s] N, turn of the earth at the origin (IERS): a gyro measures it, and estimators subtract it."""
+EARTH_RATE_N = earth_rate(math.radians(ORIGIN_DEG[0]))
+"""[rad/s] N, turn of the earth at the origin: a gyro measures it, and estimators subtract it."""
 _FIELD_NOISE = 0.0002  # [gauss] rms of a sample, as of a common magnetometer at rest
 _PRESSURE_NOISE = 0.02  # [hPa] rms of a sample, .17 m of height
 _POSITION_NOISE = (0.2, 0.2, 0.3)  # [m] rms of a fix

@@ -9,13 +9,23 @@ from typing import NamedTuple
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
-from firmware_model.numerics.rotations import conjugate, normalize, rotate
+from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.physics import rigid_body
 from firmware_model.physics.dryden import gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
-from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest, move, move_quaternion
+from firmware_model.physics.rigid_body import (
+    Body,
+    BodyInputs,
+    BodyParams,
+    Motion,
+    at_rest,
+    get_motion,
+    join,
+    move_motion,
+    with_unit_length,
+)
 from firmware_model.physics.rotors import LossParams, given_by_rotors, lost_wrench
-from firmware_model.types import Quaternion, Vector
+from firmware_model.types import Vector
 
 AIR_DENSITY = 1.225
 """[kg/m^3] ICAO standard atmosphere at sea level."""
@@ -50,19 +60,6 @@ class Stream(NamedTuple):
     """[N/(m/s)]."""
     spin: float
     """[-] rotor speed, 1 in hover."""
-
-
-class Motion(NamedTuple):
-    """State of the airframe."""
-
-    position_N: Vector
-    """[m] N."""
-    velocity_N: Vector
-    """[m/s] N."""
-    q_NB: Quaternion
-    """Attitude."""
-    omega_B: Vector
-    """[rad/s] B."""
 
 
 class FreeParams(NamedTuple):
@@ -172,38 +169,9 @@ def _given(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
 
 
 @kernel
-def get_motion(body: Body) -> Motion:
-    """Return the airframe's part of a state."""
-    return Motion(body.position_N, body.velocity_N, body.q_NB, body.omega_B)
-
-
-@kernel
-def join(motion: Motion, torque_B: Vector, thrust: float) -> Body:
-    """Return the state of airframe and actuators, whose torques are in [N*m] B and thrust in [N]."""
-    return Body(motion.position_N, motion.velocity_N, motion.q_NB, motion.omega_B, torque_B, thrust)
-
-
-@kernel
 def motion_rate(params: FreeParams, body: Body, stream: Stream, inputs: FreeInputs) -> Motion:
     """Return the time derivative of the airframe's state, in a `Motion`."""
-    return get_motion(rigid_body.free_derivative(params.body, body, _sum_inputs(params, body, stream, inputs)[0]))
-
-
-@kernel
-def move_motion(motion: Motion, h: float, rate: Motion) -> Motion:
-    """Return the airframe's state moved by `h` times a derivative."""
-    return Motion(
-        move(motion.position_N, h, rate.position_N),
-        move(motion.velocity_N, h, rate.velocity_N),
-        move_quaternion(motion.q_NB, h, rate.q_NB),
-        move(motion.omega_B, h, rate.omega_B),
-    )
-
-
-@kernel
-def with_unit_length(motion: Motion) -> Motion:
-    """Return the airframe's state with its attitude at unit length."""
-    return Motion(motion.position_N, motion.velocity_N, normalize(motion.q_NB), motion.omega_B)
+    return rigid_body.free_derivative(params.body, body, _sum_inputs(params, body, stream, inputs)[0])
 
 
 @kernel
@@ -241,8 +209,9 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
     """
     near_ground = inputs.near_ground and can_touch_ground(params.ground, body, 0.0)
     inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
-    forces, resting, load = sum_inputs(params, body, inputs)
-    moment = air_wrench(params.air, _meet_air(params, body, inputs), inputs.air)[1]
+    stream = _meet_air(params, body, inputs)
+    forces, resting, load = _sum_inputs(params, body, stream, inputs)
+    moment = air_wrench(params.air, stream, inputs.air)[1]
     if resting:
         up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
         return up, moment, load

@@ -32,6 +32,19 @@ class Body(NamedTuple):
     """[N] up, along -z of B."""
 
 
+class Motion(NamedTuple):
+    """State of the airframe."""
+
+    position_N: Vector
+    """[m] N."""
+    velocity_N: Vector
+    """[m/s] N."""
+    q_NB: Quaternion
+    """Attitude."""
+    omega_B: Vector
+    """[rad/s] B."""
+
+
 class BodyParams(NamedTuple):
     """Constants of the airframe, divided in advance: a division costs more than all else in a step."""
 
@@ -130,37 +143,21 @@ def _turn_rate(_: float, q_NB: Quaternion, omega_B: Vector) -> Quaternion:
 
 
 @kernel
-def free_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state in free flight, in a `Body`."""
+def free_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Motion:
+    """Return the time derivative of the airframe's state in free flight, in a `Motion`."""
     F_x, F_y, F_z = inputs.force_B
     north, east, down = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
     acting = (params, inputs.moment_B, inputs.gust_omega_B)
-    return Body(
+    return Motion(
         body.velocity_N,
         (params.inverse_mass * north, params.inverse_mass * east, params.inverse_mass * down + GRAVITY),
         _turn_rate(0.0, body.q_NB, body.omega_B),
         _omega_rate(acting, body.omega_B, body.torque_B),
-        _torque_rate(params.bandwidth, body.torque_B, inputs.torque_command_B),
-        _thrust_rate(params.bandwidth, body.thrust, inputs.thrust_command),
     )
 
 
 @kernel
-def derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Body:
-    """Return the time derivative of the state of any vehicle, free or held, in a `Body`."""
-    rate = free_derivative(params, body, inputs)
-    position_rate, velocity_rate = _scale(params.free, rate.position_N), _scale(params.free, rate.velocity_N)
-    return Body(position_rate, velocity_rate, rate.q_NB, rate.omega_B, rate.torque_B, rate.thrust)
-
-
-@kernel
-def _scale(factor: float, v: Vector) -> Vector:
-    return factor * v[0], factor * v[1], factor * v[2]
-
-
-@kernel
-def move(a: Vector, h: float, rate: Vector) -> Vector:
-    """Return `a` moved by `h` times a rate."""
+def _move(a: Vector, h: float, rate: Vector) -> Vector:
     return a[0] + h * rate[0], a[1] + h * rate[1], a[2] + h * rate[2]
 
 
@@ -170,22 +167,37 @@ def _move_float(a: float, h: float, rate: float) -> float:
 
 
 @kernel
-def move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
-    """Return `q` moved by `h` times a rate; not of unit length."""
+def _move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
     return q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3]
 
 
 @kernel
-def _integrate(body: Body, h: float, rate: Body) -> Body:
-    """Return the body moved by `h` times a derivative."""
-    return Body(
-        move(body.position_N, h, rate.position_N),
-        move(body.velocity_N, h, rate.velocity_N),
-        move_quaternion(body.q_NB, h, rate.q_NB),
-        move(body.omega_B, h, rate.omega_B),
-        move(body.torque_B, h, rate.torque_B),
-        body.thrust + h * rate.thrust,
+def get_motion(body: Body) -> Motion:
+    """Return the airframe's part of a state."""
+    return Motion(body.position_N, body.velocity_N, body.q_NB, body.omega_B)
+
+
+@kernel
+def join(motion: Motion, torque_B: Vector, thrust: float) -> Body:
+    """Return the state of airframe and actuators, whose torques are in [N*m] B and thrust in [N]."""
+    return Body(motion.position_N, motion.velocity_N, motion.q_NB, motion.omega_B, torque_B, thrust)
+
+
+@kernel
+def move_motion(motion: Motion, h: float, rate: Motion) -> Motion:
+    """Return the airframe's state moved by `h` times a derivative."""
+    return Motion(
+        _move(motion.position_N, h, rate.position_N),
+        _move(motion.velocity_N, h, rate.velocity_N),
+        _move_quaternion(motion.q_NB, h, rate.q_NB),
+        _move(motion.omega_B, h, rate.omega_B),
     )
+
+
+@kernel
+def with_unit_length(motion: Motion) -> Motion:
+    """Return the airframe's state with its attitude at unit length."""
+    return Motion(motion.position_N, motion.velocity_N, normalize(motion.q_NB), motion.omega_B)
 
 
 Params = TypeVar("Params")
@@ -216,16 +228,8 @@ def make_stages(
     return stages
 
 
-_torque_stages, _thrust_stages = make_stages(_torque_rate, move), make_stages(_thrust_rate, _move_float)
-_omega_stages, _turn_stages = make_stages(_omega_rate, move), make_stages(_turn_rate, move_quaternion)
-_stages = make_stages(derivative, _integrate)
-
-
-@kernel
-def step(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
-    """Step any vehicle by the classical method, whose error falls with `dt` [s] to the fourth power."""
-    end = _stages(params, body, (inputs, inputs, inputs, inputs), dt)[1]
-    return Body(end.position_N, end.velocity_N, normalize(end.q_NB), end.omega_B, end.torque_B, end.thrust)
+_torque_stages, _thrust_stages = make_stages(_torque_rate, _move), make_stages(_thrust_rate, _move_float)
+_omega_stages, _turn_stages = make_stages(_omega_rate, _move), make_stages(_turn_rate, _move_quaternion)
 
 
 @kernel
@@ -241,7 +245,7 @@ def step_actuators(
 
 @kernel
 def step_attitude(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
-    """Do `step` for a vehicle held in translation, with the same bits in less time.
+    """Step a vehicle held in translation by the classical method, whose error falls with `dt` [s] to the fourth power.
 
     Torque, rates and attitude follow each other: each needs only the stages of the one before. One after the other,
     they need hardly more numbers at once than a processor has registers.

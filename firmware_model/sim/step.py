@@ -14,13 +14,13 @@ from firmware_model.numerics.rotations import conjugate, rotate
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, offsets, put, put_vector, single, storer
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
-from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Motion, Stream
+from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Stream
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
-from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, at_rest
+from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, Motion, at_rest
 from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts, sum_lift
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
@@ -288,12 +288,12 @@ def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane)
     constants, body = _free_params(params), _load_body(state, X_BODY)
     inputs = _free_inputs(params, state, False, record)
     T, torque_B, F, thrust = rigid_body.step_actuators(constants.body, body, inputs.body, dt)
-    motion = aerodynamics.get_motion(body)
+    motion = rigid_body.get_motion(body)
     _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, motion, F[0], inputs.air))
     for i in range(4):
         put_vector(work, _ACTUATORS + 4 * i, T[i])
         put(work, _ACTUATORS + 4 * i + 3, F[i])
-    _store_body(state, X_BODY, aerodynamics.join(motion, torque_B, thrust))
+    _store_body(state, X_BODY, rigid_body.join(motion, torque_B, thrust))
 
 
 @kernel
@@ -303,13 +303,13 @@ def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, re
     start, at = _load_motion(state, X_BODY), _ACTUATORS + 4 * stage
     now = start if stage == 0 else _load_motion(work, _NOW)
     end = start if stage == 0 else _load_motion(work, _END)
-    body, stream = aerodynamics.join(now, get_vector(work, at), get(work, at + 3)), _load_stream(work, _STREAM)
+    body, stream = rigid_body.join(now, get_vector(work, at), get(work, at + 3)), _load_stream(work, _STREAM)
     rate = aerodynamics.motion_rate(constants, body, stream, inputs)
-    end = aerodynamics.move_motion(end, share, rate)
+    end = rigid_body.move_motion(end, share, rate)
     if stage == 3:
-        _store_motion(state, X_BODY, aerodynamics.with_unit_length(end))
+        _store_motion(state, X_BODY, rigid_body.with_unit_length(end))
     else:
-        now = aerodynamics.move_motion(start, h, rate)
+        now = rigid_body.move_motion(start, h, rate)
         _store_motion(work, _END, end)
         _store_motion(work, _NOW, now)
         _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, now, get(work, at + 7), inputs.air))

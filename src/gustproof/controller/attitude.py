@@ -21,12 +21,6 @@ _WANDER = (math.radians(0.3), math.radians(0.3), math.radians(1.0))  # more is a
 _REGAIN_RATE = 1.0  # [1/s] of the pull of what is more
 _LARGEST = 0.1  # [rad] of what is more that counts
 _LONGEST_STEP_S = 1.0  # a longer silence is no motion to interpolate
-_EARTH_RATE = 7.2921e-5  # [rad/s] (IERS)
-
-
-def earth_rate(latitude: float) -> Vector:
-    """Return the turn of the earth [rad/s] N at a latitude [rad]."""
-    return _EARTH_RATE * math.cos(latitude), 0.0, -_EARTH_RATE * math.sin(latitude)
 
 
 class SlowAttitude:

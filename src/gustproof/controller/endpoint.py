@@ -37,9 +37,9 @@ from firmware_model.mavlink import messages
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER, command_long_message
+from firmware_model.mavlink.services.geodesy import earth_rate
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample, Vector
-from gustproof.controller.attitude import earth_rate
 from gustproof.controller.core import Controller, Flown, References, sample_time
 from gustproof.controller.families import (
     FAMILIES,

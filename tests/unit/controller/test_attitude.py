@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from firmware_model.mavlink.services.geodesy import earth_rate
 from firmware_model.numerics.rotations import conjugate, from_euler, rotate, to_euler
-from gustproof.controller.attitude import SlowAttitude, earth_rate
+from gustproof.controller.attitude import SlowAttitude
 
 DT = 0.02
 SOUTH = 2.4  # [rad] heading at the start, so that turns go over the south; a tilt is about both axes of N

@@ -14,9 +14,14 @@ from firmware_model.physics.rigid_body import (
     BodyInputs,
     BodyParams,
     body_params,
-    derivative,
+    free_derivative,
+    get_motion,
+    join,
+    make_stages,
+    move_motion,
     specific_force,
-    step,
+    step_attitude,
+    with_unit_length,
 )
 
 VEHICLE = load_vehicle("paper")
@@ -28,6 +33,16 @@ REST = Body(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 
 def params(*, free: bool = False, damping: float = 0.0) -> BodyParams:
     return body_params(VEHICLE, free=free)._replace(damping_x=damping, damping_y=damping, damping_z=damping)
+
+
+def step(constants: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
+    """Step as `step_attitude` does; in free flight the airframe alone, by its derivative."""
+    if not constants.free:
+        return step_attitude(constants, body, inputs, dt)
+    stages = make_stages(
+        lambda _, motion, given: free_derivative(constants, join(motion, ZERO, 0.0), given), move_motion
+    )
+    return join(with_unit_length(stages(None, get_motion(body), (inputs,) * 4, dt)[1]), ZERO, 0.0)
 
 
 def fly(body: Body, constants: BodyParams, inputs: BodyInputs, seconds: float, dt: float) -> Body:
@@ -103,7 +118,7 @@ def test_a_moment_about_an_axis_turns_about_that_axis_by_its_inertia(axis: int) 
 
 
 def test_the_yaw_equation_has_the_yaw_moment_not_the_papers_roll_moment() -> None:
-    rate = derivative(params(), REST, NOTHING._replace(moment_B=(0.5, 0.0, 0.2)))
+    rate = free_derivative(params(), REST, NOTHING._replace(moment_B=(0.5, 0.0, 0.2)))
     assert rate.omega_B[2] == pytest.approx(0.2 / VEHICLE.inertia_B[2])
     assert rate.omega_B[0] == pytest.approx(0.5 / VEHICLE.inertia_B[0])
 
