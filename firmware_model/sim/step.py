@@ -25,7 +25,7 @@ from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, track_setpoint
+from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, limit_command, track_setpoint
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
@@ -86,7 +86,9 @@ def advance_kernel(
     one, x, row = single(params), single(state), single(record)
     kind, free, steps = setpoint[0], get(one, layout.FREE) != 0.0, int(get(one, layout.STEPS))
     dt = sample_us * 1e-6 / steps
-    track_setpoint(one, x, free, int(get(one, layout.ROTOR_COUNT)), kind, single(setpoint), row)
+    track_setpoint(one, x, free, kind, single(setpoint), row)
+    if free and kind != WRENCH:
+        limit_command(one, int(get(one, layout.ROTOR_COUNT)), row)
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
