@@ -1,6 +1,8 @@
 """Errors that a user can fix, each with its cause in one line."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 
 
 class ConfigError(Exception):
@@ -31,3 +33,12 @@ class ConfigErrors(ConfigError):
 
 class RecordingError(Exception):
     """Failure to write a recording, such as a full disk; the text is one line: where, what."""
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name `path` in an OSError raised while it is written; a full disk does not name it by itself."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None

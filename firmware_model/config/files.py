@@ -9,7 +9,6 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import IO, Annotated, Any, TypeVar, cast
@@ -19,7 +18,7 @@ from pydantic_core import from_json, to_jsonable_python
 
 from firmware_model.config.toml_lines import find_line
 from firmware_model.config.validation import did_you_mean, list_errors, sanitize_line
-from firmware_model.errors import ConfigError, ConfigErrors
+from firmware_model.errors import ConfigError, ConfigErrors, naming
 
 Parsed = TypeVar("Parsed")
 MIB = 1 << 20
@@ -238,15 +237,6 @@ def validate(
 @cache
 def _type_adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name `path` in an OSError raised while it is written; a full disk does not name it by itself."""
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def write_text(path: Path, text: str) -> None:

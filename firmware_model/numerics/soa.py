@@ -97,7 +97,7 @@ def storer(kind: type[Row]) -> Callable[[Lane, int, Row], None]:
 
     def store(lane: Lane, row: int, value: Row) -> None:
         at = row * lane.width + lane.number
-        lane.array[at : at + count * lane.width : lane.width] = list(flatten(value))
+        lane.array[at : at + count * lane.width : lane.width] = flatten(value)
 
     def overload_store(_lane: Any, _row: Any, _value: Any) -> Any:
         return lambda lane, row, value: scatter(lane.array, row * lane.width + lane.number, lane.width, value)
@@ -157,10 +157,15 @@ def field_offset(kind: Any, name: str) -> int:
     return row
 
 
-def flatten(row: Iterable[Any]) -> Iterator[float]:
-    """Yield the numbers of a NamedTuple and of the tuples in it, in the order of the rows."""
+def flatten(row: Iterable[Any]) -> list[float]:
+    """Return the numbers of a NamedTuple and of the tuples in it, in the order of the rows."""
+    numbers: list[float] = []
     for item in row:
-        yield from flatten(item) if isinstance(item, tuple) else (item,)
+        if isinstance(item, tuple):
+            numbers += flatten(item)
+        else:
+            numbers.append(item)
+    return numbers
 
 
 def _fields(kind: Any) -> tuple[Any, ...]:

@@ -153,6 +153,23 @@ def allocate(params: Lane, row: int, count: int, torque_B: Vector, thrust: float
 
 
 @kernel
+def can_give(params: Lane, row: int, count: int, torque_B: Vector, thrust: float) -> bool:
+    """Return whether `allocate` gives a demand unchanged, by its comparisons; its divisions are for other demands."""
+    L, M, N = torque_B
+    least = _tilt(_load_rotor(params, row), L, M)
+    for i in range(1, count):
+        least = min(least, _tilt(_load_rotor(params, row + i * ROTOR_ROWS), L, M))
+    gives = thrust > -least
+    for i in range(count):
+        rotor = _load_rotor(params, row + i * ROTOR_ROWS)
+        tilt, yaw_share = _tilt(rotor, L, M), rotor.yaw * N
+        used = tilt + thrust
+        room = rotor.reach - used if yaw_share > 0.0 else used
+        gives &= (tilt - least <= rotor.reach) & (thrust < rotor.reach - tilt) & (abs(yaw_share) <= room)
+    return gives
+
+
+@kernel
 def _rotor_thrust(rotor: RotorParams, torque_B: Vector, thrust: float) -> float:
     L, M, N = torque_B
     return rotor.health * (rotor.share * (rotor.roll * L + rotor.pitch * M + rotor.yaw * N + thrust))

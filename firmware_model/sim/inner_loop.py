@@ -24,7 +24,7 @@ from firmware_model.autopilot.position_loop import (
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.soa import Lane, get, get_vector, loader, put, put_vector, storer
 from firmware_model.physics.rigid_body import Body
-from firmware_model.physics.rotors import allocate
+from firmware_model.physics.rotors import allocate, can_give
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STABILIZER
@@ -50,12 +50,10 @@ _load_position_state, _store_position_state = loader(PositionState), storer(Posi
 
 
 @kernel
-def track_setpoint(
-    params: Lane, state: Lane, free: bool, rotors: int, kind: float, setpoint: Lane, record: Lane
-) -> None:
+def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint: Lane, record: Lane) -> None:
     """Step the loops under a set-point of that kind, and write the actuator command to `record`.
 
-    The vehicle has `rotors` of them; told as a constant, their loops need no branch.
+    In free flight `limit_command` follows, but for a wrench.
     """
     if kind == WRENCH:
         put_vector(record, journal.TORQUE_COMMAND, get_vector(setpoint, 1))
@@ -69,10 +67,24 @@ def track_setpoint(
     )
     q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
     torque = _track_attitude(params, state, kind, setpoint, q_NB, touches_down, record)
-    if free:
-        torque, thrust = allocate(params, layout.ROTORS, rotors, torque, thrust)
     put_vector(record, journal.TORQUE_COMMAND, torque)
     put(record, journal.THRUST_COMMAND, -thrust)
+
+
+@kernel
+def limit_command(params: Lane, rotors: int, record: Lane) -> None:
+    """Limit the actuator command in `record` to what `rotors` of them can give; no branch if told as a constant."""
+    torque, thrust = get_vector(record, journal.TORQUE_COMMAND), -get(record, journal.THRUST_COMMAND)
+    torque, thrust = allocate(params, layout.ROTORS, rotors, torque, thrust)
+    put_vector(record, journal.TORQUE_COMMAND, torque)
+    put(record, journal.THRUST_COMMAND, -thrust)
+
+
+@kernel
+def is_within_limits(params: Lane, rotors: int, record: Lane) -> bool:
+    """Return whether `limit_command` would change nothing."""
+    torque, thrust = get_vector(record, journal.TORQUE_COMMAND), -get(record, journal.THRUST_COMMAND)
+    return can_give(params, layout.ROTORS, rotors, torque, thrust)
 
 
 @kernel

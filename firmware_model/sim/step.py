@@ -11,7 +11,18 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import ACCELEROMETER_STREAM, GUST_STREAM, GYRO_STREAM
 from firmware_model.numerics.rotations import conjugate, rotate
-from firmware_model.numerics.soa import Lane, get, get_vector, loader, offsets, put, put_vector, single, storer
+from firmware_model.numerics.soa import (
+    Lane,
+    field_offset,
+    get,
+    get_vector,
+    loader,
+    offsets,
+    put,
+    put_vector,
+    single,
+    storer,
+)
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
 from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Stream
@@ -25,7 +36,7 @@ from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, track_setpoint
+from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, limit_command, track_setpoint
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
@@ -44,6 +55,8 @@ _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), store
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
 _load_motion, _store_motion = loader(Motion), storer(Motion)
 _load_stream, _store_stream = loader(Stream), storer(Stream)
+_X_TORQUE, _X_THRUST = (X_BODY + field_offset(Body, name) for name in ("torque_B", "thrust"))
+_VELOCITY, _Q_NB, _OMEGA = (field_offset(Motion, name) for name in ("velocity_N", "q_NB", "omega_B"))
 _NOW, _END, _STREAM, _ACTUATORS = offsets([Motion, Motion, Stream])
 STAGE_ROWS = _ACTUATORS + 16
 """Numbers of a flight between the stages of a step."""
@@ -86,7 +99,9 @@ def advance_kernel(
     one, x, row = single(params), single(state), single(record)
     kind, free, steps = setpoint[0], get(one, layout.FREE) != 0.0, int(get(one, layout.STEPS))
     dt = sample_us * 1e-6 / steps
-    track_setpoint(one, x, free, int(get(one, layout.ROTOR_COUNT)), kind, single(setpoint), row)
+    track_setpoint(one, x, free, kind, single(setpoint), row)
+    if free and kind != WRENCH:
+        limit_command(one, int(get(one, layout.ROTOR_COUNT)), row)
     start = _load_body(x, X_BODY)
     body = start
     for _ in range(steps):
@@ -293,7 +308,8 @@ def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane)
     for i in range(4):
         put_vector(work, _ACTUATORS + 4 * i, T[i])
         put(work, _ACTUATORS + 4 * i + 3, F[i])
-    _store_body(state, X_BODY, rigid_body.join(motion, torque_B, thrust))
+    put_vector(state, _X_TORQUE, torque_B)
+    put(state, _X_THRUST, thrust)
 
 
 @kernel
@@ -311,7 +327,9 @@ def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, re
     else:
         now = rigid_body.move_motion(start, h, rate)
         _store_motion(work, _END, end)
-        _store_motion(work, _NOW, now)
+        put_vector(work, _NOW + _VELOCITY, now.velocity_N)  # away from the ground no stage needs its position
+        _put_float4(work, _NOW + _Q_NB, now.q_NB)
+        put_vector(work, _NOW + _OMEGA, now.omega_B)
         _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, now, get(work, at + 7), inputs.air))
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, naming
 from gustproof.cli.laws import LAW_HELP, find_law, is_parameter_file
 from gustproof.cli.options import AsJson, complete, print_json, working
 
@@ -106,7 +106,6 @@ def _print_export(told: dict[str, Any], c: Path | None) -> None:
 
 
 def _save_numbers(law: "Law", mat: Path | None, csv: Path | None, as_law: Path | None) -> None:
-    from firmware_model.config.files import naming
     from gustproof.law.io.matrices import save_csv, save_mat
 
     if mat is not None:

@@ -138,7 +138,8 @@ def fly(
 
         gustproof fly paper-turbulence --controller "exec: node mine.mjs"
 
-    With --autopilot a real PX4 flies: it is started, armed, flown and ended here. --law then names a law built into it.
+    With --autopilot a real PX4, ArduPilot or Betaflight flies: it is started, armed, flown and ended here. --law then
+    names a law built into it.
 
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot/build/px4_sitl_default --params tuned
     """

@@ -7,6 +7,7 @@ rational number, so `to_rational` loses nothing. Positive definiteness is proved
 import math
 from collections.abc import Iterable
 from fractions import Fraction
+from operator import mul
 
 RationalMatrix = list[list[Fraction]]
 """A matrix by rows."""
@@ -67,13 +68,13 @@ def scale(factor: Fraction | int, A: RationalMatrix) -> RationalMatrix:
 def multiply(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
     """Return the product `A B`, in integers over one denominator each, skipping terms that are 0."""
     (left, p), (right, q) = _integers(A), _integers(B)
-    filled, product = [any(row) for row in right], []
+    filled, product, below = [any(row) for row in right], [], p * q
     for row in left:
         total = [0] * len(right[0]) if right else []
         for value, other, counts in zip(row, right, filled, strict=True):
             if value and counts:
                 total = [x + value * y for x, y in zip(total, other, strict=True)]
-        product.append([Fraction(x, p * q) if x else _ZERO for x in total])
+        product.append([Fraction(x, below) if x else _ZERO for x in total])
     return product
 
 
@@ -173,11 +174,13 @@ def _has_positive_minors(A: list[list[int]]) -> bool:
 
 def exponential(F: RationalMatrix, t: Fraction, *, terms: int, bits: int) -> RationalMatrix:
     """Return the first `terms` of the series of `exp(F t)`, each entry of a term rounded up to `bits`."""
-    total = term = identity(len(F))
+    rates, q = _integers(scale(t, F))
+    columns = [*zip(*rates, strict=True)]
+    total = term = [[int(i == j) << bits for j in range(len(F))] for i in range(len(F))]  # over 2^bits
     for k in range(1, terms):
-        term = [[round_up(t * value / k, bits) for value in row] for row in multiply(term, F)]
-        total = add(total, term)
-    return total
+        term = [[-(-sum(map(mul, row, column)) // (q * k)) for column in columns] for row in term]
+        total = [[x + y for x, y in zip(*rows, strict=True)] for rows in zip(total, term, strict=True)]
+    return [[Fraction(value, 1 << bits) for value in row] for row in total]
 
 
 def round_up(x: Fraction, bits: int = 64) -> Fraction:

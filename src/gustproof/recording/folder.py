@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from firmware_model.config.files import naming
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, naming
 
 RUNS = Path("runs")
 

@@ -9,8 +9,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from firmware_model.config.files import naming
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, naming
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -71,6 +71,7 @@ def parts(name):
     return law, system, norms, make_case(system, claim), claim.box, form, reference
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["flagship", "pid-fair", "hinf-scheduled"])
 def test_no_sum_of_a_step_is_rounded_by_more_than_the_proof_says(name):
     law, system, _, case, box, form, reference = parts(name)

@@ -125,6 +125,7 @@ def limit_of_gain(loop: AxisLoop, lag: float) -> float:
     return (1.0 - a) / (c - dt * a)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [8192, 100])
 def test_rate_feedback_is_proved_up_to_the_closed_form_limit_and_not_beyond(batch, monkeypatch):
     monkeypatch.setattr(zero_exclusion, "_BATCH", batch)
@@ -205,6 +206,7 @@ def first_unstable_factor(loop: AxisLoop) -> float:
     return math.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_random_laws_are_proved_up_to_their_first_unstable_member(seed):
     rng = np.random.default_rng(seed)

@@ -80,7 +80,7 @@ def test_help_loads_nothing_heavy():
         "import sys; from gustproof.cli.app import app\n"
         "try: app(['--help'])\n"
         "except SystemExit: pass\n"
-        "print(*sorted({'numpy', 'numba', 'scipy', 'matplotlib', 'control', 'rosbags'} & set(sys.modules)))"
+        "print(*sorted({'numpy', 'pydantic', 'numba', 'scipy', 'matplotlib', 'control', 'rosbags'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.splitlines()[-1] == ""

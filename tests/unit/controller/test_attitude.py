@@ -40,12 +40,14 @@ def follow(
     return np.array(errors)
 
 
+@pytest.mark.slow
 @AXES
 def test_wander_of_the_autopilots_attitude_is_not_followed(axis):
     errors = follow(axis, 60.0, lambda t: 0.28 * math.sin(2.0 * math.pi * t / 60.0))
     assert np.max(np.abs(errors)) < 0.03
 
 
+@pytest.mark.slow
 @AXES
 @pytest.mark.parametrize("jump", [-20.0, 20.0])
 def test_attitude_far_off_is_regained_in_seconds(axis, jump):
@@ -53,12 +55,14 @@ def test_attitude_far_off_is_regained_in_seconds(axis, jump):
     assert abs(errors[-1] - jump) < (0.43, 0.43, 1.05)[axis]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "most"), [(0, 0.63), (1, 0.63), (2, 1.21)])
 def test_bias_that_jumps_in_flight_stands_off_and_does_not_drift(axis, most):
     errors = np.abs(follow(axis, 40.0, bias=lambda t: 0.2 * (t > 5.0)))
     assert most - 0.05 < errors[-1] <= np.max(errors) < most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("known", "time_constant_s"), [(NO_EARTH, 200.0), (None, 10.0)])
 def test_small_bias_stands_off_by_less_and_least_where_one_is_to_be_expected(known, time_constant_s):
     expected = 0.001 * time_constant_s * (1.0 - math.exp(-120.0 / time_constant_s))

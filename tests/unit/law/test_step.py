@@ -212,6 +212,7 @@ def test_no_proof_reaches_a_steep_pitch() -> None:
         trigonometry([Fraction(0), Fraction(STEEP)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.0, -1.0, 0.02)])
 def test_whole_turns_over_the_vertical_keep_the_attitude(axis: tuple[float, ...]) -> None:
     law, dt = load_law("flagship"), 0.004

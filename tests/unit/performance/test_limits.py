@@ -45,6 +45,7 @@ def least_cost(model: AxisModel, weight: float, *, noisy: bool) -> float:
     return float((cost + np.sum(S * start)) / model.samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "noisy"), [(output_feedback_limit, True), (full_information_limit, False)])
 def test_gains_that_vary_with_time_are_hardly_better(limit, noisy) -> None:
     axis = models()[:1]

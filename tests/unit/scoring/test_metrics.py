@@ -31,6 +31,7 @@ def figures(records) -> Metrics:
     return measure(records, VEHICLE, SCENARIO, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "name"), [(0, "roll"), (1, "pitch"), (2, "yaw")])
 def test_a_constant_tilt_is_the_peak_and_rmse_of_its_axis_alone(axis, name):
     records = flight()
@@ -69,6 +70,7 @@ def test_a_full_turn_of_roll_or_yaw_counts_as_360_degrees(axis, name, turns):
     assert getattr(result, f"rmse_{name}_deg") == pytest.approx(rms, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_torque_figures_are_those_of_a_sine(axis):
     records = flight()

@@ -63,6 +63,7 @@ def test_the_whole_flight_gives_the_figures_of_every_flight():
             assert value == pytest.approx(getattr(figures, f"{name}_{axis}_deg"), rel=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("from_s", "to_s", "peak"), [(0.0, 1.0, 1.0), (1.0, 2.0, 5.0), (1.004, 2.0, 1.0)])
 def test_a_window_has_its_first_sample_and_not_its_last(from_s, to_s, peak):
     records = flight()
@@ -105,6 +106,7 @@ def test_a_window_that_was_not_flown_to_its_end_holds_nothing():
     assert result.to_dict()["judged"] is False
 
 
+@pytest.mark.slow
 def test_verdict_says_failed_of_what_was_flown_alone():
     records = flight(1000)
     assert verdict(judged(records, metric="peak_deg", at_most=1.0))[0] == "held"
@@ -129,6 +131,7 @@ def test_recovery_counts_from_leaving_the_band_settling_from_the_windows_begin()
         assert judged(records, metric=metric, within_deg=1.0, axis="roll").value == 0.0
 
 
+@pytest.mark.slow
 def test_what_is_outside_at_the_end_never_settles_nor_recovers():
     records = excursion(300, 1000)
     for metric in ("recovery_s", "settling_s"):
@@ -156,6 +159,7 @@ def test_rho_uses_up_its_room_where_the_flight_leaves_table_ii():
     assert judged(records, metric="rho_share").value == pytest.approx(math.sin(math.pi / 3.0), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_drift_is_the_distance_from_where_the_window_begins():
     records = flight()
     records["position_N"] = (100.0, 0.0, -10.0)
@@ -176,6 +180,7 @@ def test_a_result_is_json_even_where_it_is_no_number():
 STEP = AttitudeReference(kind="attitude", at_s=1.0, euler_deg=(0.0, -10.0, 0.0))
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_is_no_error():
     records = flight()
     asked = np.where(np.arange(1000) < 250, 0.0, -10.0)

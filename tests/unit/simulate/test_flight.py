@@ -156,6 +156,7 @@ def test_check_refuses_a_body_that_can_not_be_before_and_after_a_payload():
         check(replace(SHORT, event=(lost,)), load_law("pid-fair"), PAPER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
     flown = Flight(

@@ -224,12 +224,12 @@ def _integers(values: NDArray[Any]) -> tuple[NDArray[Any], int]:
 
 def _bilinear(p: Polynomial, n: int) -> Polynomial:
     """Return `(1 - s)^n p((1 + s) / (1 - s))` of a polynomial of degree at most n."""
-    total = [Fraction(0)] * (n + 1)
-    for k, coefficient in enumerate(p):
+    total, (coefficients, q) = [0] * (n + 1), _over_one(p)
+    for k, coefficient in enumerate(coefficients):
         rising = _power((Fraction(1), Fraction(1)), k)
         term = _multiply(rising, _power((Fraction(1), Fraction(-1)), n - k))
-        total = [x + coefficient * y for x, y in zip(total, term, strict=True)]
-    return tuple(total)
+        total = [x + coefficient * y.numerator for x, y in zip(total, term, strict=True)]
+    return tuple(Fraction(x, q) for x in total)
 
 
 def _rounded(p: Polynomial) -> Polynomial:
@@ -250,11 +250,18 @@ def _power(p: Polynomial, n: int) -> Polynomial:
 
 
 def _multiply(p: Polynomial, q: Polynomial) -> Polynomial:
-    product = [Fraction(0)] * (len(p) + len(q) - 1)
-    for i, x in enumerate(p):
-        for j, y in enumerate(q):
+    (left, below), (right, other) = _over_one(p), _over_one(q)
+    product = [0] * (len(p) + len(q) - 1)
+    for i, x in enumerate(left):
+        for j, y in enumerate(right):
             product[i + j] += x * y
-    return tuple(product)
+    return tuple(Fraction(x, below * other) for x in product)
+
+
+def _over_one(p: Polynomial) -> tuple[list[int], int]:
+    """Return the coefficients as integers over one positive denominator."""
+    q = math.lcm(*(coefficient.denominator for coefficient in p))
+    return [coefficient.numerator * (q // coefficient.denominator) for coefficient in p], q
 
 
 def _is_hurwitz(p: Polynomial) -> bool:
@@ -263,8 +270,7 @@ def _is_hurwitz(p: Polynomial) -> bool:
     The first coefficient of a loop with all poles inside the circle is positive. Rows may be multiplied by positive
     numbers: each is divided by its greatest common divisor.
     """
-    multiple = math.lcm(*(coefficient.denominator for coefficient in p))
-    falling = [int(coefficient * multiple) for coefficient in reversed(p)]
+    falling = _over_one(p)[0][::-1]
     upper, lower = falling[0::2], falling[1::2]
     for _ in range(len(p) - 1):
         if upper[0] <= 0:

@@ -116,6 +116,21 @@ def test_float32_values_pass_unchanged() -> None:
     assert struct.pack("<3f", *gyro) == struct.pack("<3f", value, -value, value / 3e5)
 
 
+@pytest.mark.parametrize(
+    "value", [0.0, 1e-9, 2 / 3e4, 0.0999999999, 0.99999999951, 1 / 3, 9.81, 123456.789, 987654321.0]
+)
+def test_number_has_nine_digits(value: float) -> None:
+    answer = json.loads(encode_answer(READINGS._replace(position_N=(value, -value, 1.0))))
+    assert answer["position"] == [float(f"{value:.9g}"), -float(f"{value:.9g}"), 1.0]
+
+
+@pytest.mark.parametrize("value", [1e9, 1e300, math.inf, math.nan])
+def test_number_beyond_nine_digits_is_told_as_their_end(value: float) -> None:
+    answer = json.loads(encode_answer(READINGS._replace(velocity_N=(value, 1e-18, 0.0), wind_N=(0.0, 0.0, 0.0))))
+    assert answer["velocity"] == [1e9, 0.0, 0.0]
+    assert answer["windvane"]["speed"] == 1e9
+
+
 def test_rotors_are_mapped_by_their_place() -> None:
     vehicle = load_vehicle("paper")
     assert map_outputs(vehicle) == (0, 1, 2, 3)

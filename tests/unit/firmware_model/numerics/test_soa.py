@@ -88,7 +88,7 @@ def test_tuples_in_a_row_take_a_row_for_each_number(double) -> None:
     before = double(Lane(array, 2, 0))
     assert before == Nested(2.0, (4.0, 6.0), Triple(8.0, 10.0, 12.0))
     assert isinstance(before.t, Triple)
-    assert list(flatten(before)) == [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]
+    assert flatten(before) == [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]
     assert array.tolist() == [0.0, 1.0, 4.0, 3.0, 6.0, 5.0, 4.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0]
     assert [field_offset(Nested, name) for name in Nested._fields] == [0, 1, 3]
 

@@ -73,6 +73,7 @@ def test_thrust_and_torque_fall_with_the_square_of_the_voltage():
     assert record["torque_B"][0] / record["torque_command_B"][0] == pytest.approx(sag, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_on_the_stand_no_battery_is_used():
     held = replace(QUIET, translation="held")
     assert VehicleLoop(PAPER, held, 1).battery is None

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.soa import flatten, single
-from firmware_model.physics.rotors import allocate, can_hover, put_rotor_thrusts, rotor_params
+from firmware_model.physics.rotors import allocate, can_give, can_hover, put_rotor_thrusts, rotor_params
 
 HEXAGON = np.radians((30, 90, 150, 210, 270, 330))
 HUBS = tuple((0.5 * math.cos(angle), 0.5 * math.sin(angle), -0.05) for angle in HEXAGON)
@@ -32,6 +32,8 @@ SHARE = st.floats(-1.5, 1.5)
 @compiled
 def _flown(params, count, torque_B, thrust, rotors):
     given_torque, given_thrust = allocate(single(params), 0, count, torque_B, thrust)
+    if can_give(single(params), 0, count, torque_B, thrust) and (given_torque, given_thrust) != (torque_B, thrust):
+        given_thrust = np.nan  # it must give all of such a demand, to the bit
     put_rotor_thrusts(single(params), 0, count, given_torque, given_thrust, single(rotors), 0)
     return given_torque, given_thrust
 

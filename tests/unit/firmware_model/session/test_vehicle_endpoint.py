@@ -101,6 +101,7 @@ def vehicle() -> Vehicle:
     return Vehicle(lockstep=False)
 
 
+@pytest.mark.slow
 def test_heartbeat_comes_every_second_and_at_once_on_a_change(vehicle):
     vehicle.say(HEARTBEAT)
     vehicle.wait(5_500_000)

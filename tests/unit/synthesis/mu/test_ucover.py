@@ -46,6 +46,7 @@ def test_the_weight_of_lags_is_known_and_tight():
     assert np.max(cover.distance) == pytest.approx(0.25, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["additive", "input", "output"])
 def test_the_model_holds_its_nominal_and_moves_by_the_weight(form):
     cover = ucover([lag(seconds) for seconds in LAGS], lag(1.0), 1, form=form)

@@ -54,6 +54,7 @@ def test_a_sampled_plant_gets_a_sampled_controller_with_the_norm_of_its_own_loop
     assert "stable" in result.checks[0]
 
 
+@pytest.mark.slow
 def test_fast_sampling_gives_the_continuous_norm():
     slow, fast = (hinfstruct(axis(dt), 2, 1, starts=1).norm for dt in (0.2, 1e-2))
     continuous = hinfstruct(axis(), 2, 1, starts=1).norm
