@@ -22,6 +22,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.readings import Readings
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import arctan2
+from firmware_model.numerics.rotations import rotate
 from firmware_model.types import Quaternion, Vector
 
 Text = NDArray[np.uint8]
@@ -41,7 +42,7 @@ _ANSWER = np.frombuffer(
     b'"rng_1":%,"windvane":{"direction":%,"speed":%},"velocity_wind":[%,%,%]}\n',
     dtype=np.uint8,
 )
-_MOST = 20  # characters of a number: its sign, nine digits, and as many places as keep them below 1
+_MOST = 20  # characters of a number: its sign, its point, and the 18 digits that fit 64 bits
 _POWERS = np.array([10**places for places in range(_MOST - 2)])
 _LONGEST = sum(_MOST if byte in (_DIGITS, _DECIMALS) else 1 for byte in _ANSWER)
 _QUADRANTS = {(1, 1): 0, (-1, -1): 1, (1, -1): 2, (-1, 1): 3}  # signs of x and y of outputs 1 to 4 of FRAME_TYPE 1
@@ -127,11 +128,10 @@ def _write_answer(
 ) -> int:
     """Write the answer to `text`, and return its length."""
     north, east = velocity_N[0] - wind_N[0], velocity_N[1] - wind_N[1]
-    w, x, y, z = q_NB
-    nose_north, nose_east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)
+    nose_north, nose_east, _ = rotate(q_NB, (1.0, 0.0, 0.0))
     direction = arctan2(nose_north * east - nose_east * north, nose_north * north + nose_east * east)
-    vane = (max(-position_N[2], 0.0), direction, math.sqrt(north * north + east * east))
-    numbers = (time_s, *gyro_B, *specific_force_B, *position_N, *velocity_N, *q_NB, *vane, *wind_N)
+    others = (max(-position_N[2], 0.0), direction, math.sqrt(north * north + east * east))
+    numbers = (time_s, *gyro_B, *specific_force_B, *position_N, *velocity_N, *q_NB, *others, *wind_N)
     at = number = 0
     for byte in _ANSWER:
         if byte in (_DIGITS, _DECIMALS):

@@ -56,8 +56,7 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
     In free flight `limit_command` follows, but for a wrench.
     """
     if kind == WRENCH:
-        put_vector(record, journal.TORQUE_COMMAND, get_vector(setpoint, 1))
-        put(record, journal.THRUST_COMMAND, -get(setpoint, 4))
+        _put_command(record, get_vector(setpoint, 1), get(setpoint, 4))
         put_vector(record, journal.OMEGA_COMMAND, (math.nan, math.nan, math.nan))
         return
     touches_down = (
@@ -67,23 +66,33 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
     )
     q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
     torque = _track_attitude(params, state, kind, setpoint, q_NB, touches_down, record)
-    put_vector(record, journal.TORQUE_COMMAND, torque)
+    _put_command(record, torque, thrust)
+
+
+@kernel
+def get_command(record: Lane) -> tuple[Vector, float]:
+    """Return torque [N*m] B and thrust [N] of the actuator command in `record`."""
+    return get_vector(record, journal.TORQUE_COMMAND), -get(record, journal.THRUST_COMMAND)
+
+
+@kernel
+def _put_command(record: Lane, torque_B: Vector, thrust: float) -> None:
+    put_vector(record, journal.TORQUE_COMMAND, torque_B)
     put(record, journal.THRUST_COMMAND, -thrust)
 
 
 @kernel
 def limit_command(params: Lane, rotors: int, record: Lane) -> None:
     """Limit the actuator command in `record` to what `rotors` of them can give; no branch if told as a constant."""
-    torque, thrust = get_vector(record, journal.TORQUE_COMMAND), -get(record, journal.THRUST_COMMAND)
+    torque, thrust = get_command(record)
     torque, thrust = allocate(params, layout.ROTORS, rotors, torque, thrust)
-    put_vector(record, journal.TORQUE_COMMAND, torque)
-    put(record, journal.THRUST_COMMAND, -thrust)
+    _put_command(record, torque, thrust)
 
 
 @kernel
 def is_within_limits(params: Lane, rotors: int, record: Lane) -> bool:
     """Return whether `limit_command` would change nothing."""
-    torque, thrust = get_vector(record, journal.TORQUE_COMMAND), -get(record, journal.THRUST_COMMAND)
+    torque, thrust = get_command(record)
     return can_give(params, layout.ROTORS, rotors, torque, thrust)
 
 

@@ -36,7 +36,7 @@ from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, limit_command, track_setpoint
+from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, get_command, limit_command, track_setpoint
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
@@ -275,8 +275,8 @@ def integrate_body(params: Lane, state: Lane, free: bool, body: Body, dt: float,
 def _read_command(params: Lane, record: Lane) -> tuple[Vector, float]:
     """Return the torque [N*m] B and thrust [N] that the actuators give for the record's command."""
     actuators = _load_actuator_params(params, layout.ACTUATORS)
-    torque = apply_actuator_faults(actuators, get_vector(record, journal.TORQUE_COMMAND))
-    return torque, -get(record, journal.THRUST_COMMAND)
+    torque, thrust = get_command(record)
+    return apply_actuator_faults(actuators, torque), thrust
 
 
 @kernel
