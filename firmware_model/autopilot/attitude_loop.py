@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from firmware_model.config.vehicle import Stabilizer, Vehicle
+from firmware_model.exact import exp
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, from_rotation_vector, multiply, normalize
 from firmware_model.types import Quaternion, Vector
@@ -66,9 +67,9 @@ def stabilizer_params(vehicle: Vehicle, gains: Stabilizer, dt: float) -> Stabili
     def torque(gain: Vector) -> Vector:
         return gain[0] * I_x, gain[1] * I_y, gain[2] * I_z
 
-    smoothing = 1.0 - math.exp(-dt / tau)
+    smoothing = 1.0 - exp(-dt / tau)
     pid = *torque(gains.rate_p), *torque(gains.rate_i), *torque(gains.rate_d)
-    following = 1.0 - math.exp(-dt / TRIM_TIME)
+    following = 1.0 - exp(-dt / TRIM_TIME)
     per_torque = (1.0 / gain if gain > 0.0 else 0.0 for gain in torque(gains.rate_i))
     return StabilizerParams(
         gains.angle_p, gains.rate_limit, smoothing, dt, *pid, *vehicle.torque_limit, following, *per_torque

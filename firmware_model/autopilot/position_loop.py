@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Vehicle
+from firmware_model.exact import tangent
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.numerics.rotations import from_euler, rotate, to_euler
@@ -59,7 +60,7 @@ def position_params(vehicle: Vehicle, gains: PositionLoop, dt: float) -> Positio
         z_velocity_i=gains.z_velocity_i,
         z_velocity_max_up=gains.z_velocity_max_up,
         z_velocity_max_down=gains.z_velocity_max_down,
-        slope_max=math.tan(gains.tilt_max),
+        slope_max=tangent(gains.tilt_max),
         mass=vehicle.mass,
         thrust_min=_THRUST_MIN * vehicle.mass * GRAVITY,
         thrust_max=_THRUST_MAX * vehicle.rotors.total_thrust,

@@ -14,6 +14,7 @@ from firmware_model.config.fields import Finite, NonNegative, Positive, Positive
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.spreads import take_nominal
 from firmware_model.errors import ConfigError
+from firmware_model.exact import right_inverse
 
 GRAVITY = 9.80665
 """[m/s^2] standard gravity (3rd CGPM, 1901), down."""
@@ -126,8 +127,7 @@ class Rotors:
     @property
     def allocation(self) -> NDArray[np.float64]:
         """(n, 4) thrust [N] of each rotor per torque [N*m] and thrust [N]; of least sum of squares, if n > 4."""
-        inverse = np.linalg.inv if self.count == 4 else np.linalg.pinv
-        return np.asarray(inverse(self.wrench), dtype=np.float64)
+        return _allocation(self)
 
     @model_validator(mode="after")
     def _check_authority(self) -> Self:
@@ -139,6 +139,13 @@ class Rotors:
 
 
 @lru_cache(maxsize=64)  # a campaign makes many vehicles with the same rotors
+def _allocation(rotors: Rotors) -> NDArray[np.float64]:
+    allocation = right_inverse(rotors.wrench)
+    allocation.flags.writeable = False
+    return allocation
+
+
+@lru_cache(maxsize=64)
 def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
         return "these rotors cannot produce roll, pitch and yaw independently: check spin"

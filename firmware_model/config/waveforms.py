@@ -24,6 +24,7 @@ from firmware_model.config.fields import (
     strict_dataclass,
     tagged_dataclass,
 )
+from firmware_model.exact import sin_cos
 
 KNOT = 0.514444
 """[m/s] 1852 m an hour."""
@@ -345,5 +346,5 @@ def _check_direction(
 def _wind_vector(vector: Vector | None, speed: float | None, from_deg: float | None) -> Vector:
     if vector is not None:
         return vector
-    bearing = math.radians(from_deg or 0.0)
-    return -(speed or 0.0) * math.cos(bearing), -(speed or 0.0) * math.sin(bearing), 0.0
+    sine, cosine = sin_cos(math.radians(from_deg or 0.0))
+    return -(speed or 0.0) * cosine, -(speed or 0.0) * sine, 0.0

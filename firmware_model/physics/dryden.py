@@ -7,6 +7,8 @@ MIL-HDBK-1797, Flying Qualities of Piloted Aircraft, 1997, section 4.9 (low-alti
 """
 
 import math
+from collections.abc import Sequence
+from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.waveforms import Dryden
+from firmware_model.exact import DIGITS, power
 from firmware_model.numerics.compiled import kernel
 from firmware_model.types import Vector
 
@@ -104,13 +107,12 @@ def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpect
     height = max(altitude / FOOT, 10.0)
     shear = 0.177 + 0.000823 * height
     sigma_w = 0.1 * dryden.wind_speed_20ft
-    sigma_u = sigma_w / shear**0.4
+    sigma_u = sigma_w / power(shear, 0.4)
     transverse = 2.0 if dryden.specification == "MIL-HDBK-1797" else 1.0
-    L_u = height / shear**1.2 * FOOT
+    L_u = height / power(shear, 1.2) * FOOT
     whole_L_w = height * FOOT
-    variance_p = (
-        sigma_w**2 / whole_L_w * 0.8 * (math.pi * whole_L_w / (4.0 * span)) ** (1.0 / 3.0) * math.pi**2 / (8.0 * span)
-    )
+    third_root = power(math.pi * whole_L_w / (4.0 * span), 1.0 / 3.0)
+    variance_p = sigma_w**2 / whole_L_w * 0.8 * third_root * math.pi**2 / (8.0 * span)
     return DrydenSpectrum(
         sigma_u=sigma_u,
         sigma_v=sigma_u,
@@ -130,15 +132,14 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
 
     At each sample the joint distribution is that of the continuous filters: `A = exp(F dt)` and `B B^T = P - A P A^T`.
     P is the stationary covariance; the difference equals van Loan's integral of the noise over a step. An initial state
-    `factor n` with n standard normal is stationary.
+    `factor n` with n standard normal is stationary. All numbers are closed forms, rounded from 100 digits.
     """
     V = spectrum.airspeed
     v = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
     w = _transverse(spectrum.sigma_w, spectrum.transverse * spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
-    u_a, p_a = math.exp(-dt * V / spectrum.L_u), math.exp(-dt * math.pi * V / (4.0 * span))
     # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
-    u = (u_a, spectrum.sigma_u * math.sqrt(1.0 - u_a * u_a))
-    p = (p_a, spectrum.sigma_p * math.sqrt(1.0 - p_a * p_a))
+    u = _longitudinal(spectrum.sigma_u, spectrum.L_u / V, dt)
+    p = _longitudinal(spectrum.sigma_p, 4.0 * span / (math.pi * V), dt)
     v_r = TransverseParams._make((*v.numbers, math.pi / (3.0 * span)))
     w_q = TransverseParams._make((*w.numbers, -math.pi / (4.0 * span)))
     factor = np.zeros((8, 8))
@@ -146,6 +147,13 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     factor[1:4, 1:4], factor[4:7, 4:7] = v.stationary, w.stationary
     factor.flags.writeable = False
     return DrydenParams(*u, *p, v_r, w_q), factor
+
+
+def _longitudinal(sigma: float, tau: float, dt: float) -> tuple[float, float]:
+    """Return a and b of the filter of u or p, sigma sqrt(2 tau) / (1 + tau s)."""
+    with localcontext(prec=DIGITS):
+        steps = Decimal(dt) / Decimal(tau)
+        return float((-steps).exp()), float(Decimal(sigma) * (1 - (-2 * steps).exp()).sqrt())
 
 
 class _Transverse(NamedTuple):
@@ -158,27 +166,51 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> _Transverse:
 
     v(s) / n(s) = sigma sqrt(tau) (1 + sqrt(3) tau s) / (1 + tau s)^2 gives variance sigma^2 for unit white noise. The
     angular gust is (s / V) / (1 + lag s) v(s). States: two first-order lags in a chain, then v low-passed by `lag`.
+
+    The noise of a short step is a small difference of large covariances, and nearly singular. Doubles would leave half
+    of its digits to the order in which a machine adds.
     """
-    import scipy.linalg  # takes a sixth of the time to start a vehicle, which flies in calm air without it
+    with localcontext(prec=DIGITS):
+        alpha, beta, step = 1 / Decimal(tau), 1 / Decimal(lag), Decimal(dt)
+        gain, root = Decimal(sigma) * alpha.sqrt(), Decimal(3).sqrt()
+        c1, c2 = gain * root, gain * (1 - root)
+        slow, fast = (-alpha * step).exp(), (-beta * step).exp()
+        # Integrals over a step of exp(-beta (dt - s)) times exp(-alpha s), and times s exp(-alpha s).
+        apart = beta - alpha
+        once = (slow - fast) / apart if apart else step * slow
+        twice = (step * slow - once) / apart if apart else step * step * slow / 2
+        zero = Decimal(0)
+        A = (
+            (slow, zero, zero),
+            (alpha * step * slow, slow, zero),
+            (beta * (c1 * once + alpha * c2 * twice), beta * c2 * once, fast),
+        )
+        # F P + P F^T = -b b^T, solved entry by entry, as F is lower triangular and only the first lag has noise.
+        p11 = 1 / (2 * alpha)
+        p21 = p22 = p11 / 2
+        p31 = beta * (c1 * p11 + c2 * p21) / (alpha + beta)
+        p32 = (beta * (c1 * p21 + c2 * p22) + alpha * p31) / (alpha + beta)
+        P = ((p11, p21, p31), (p21, p22, p32), (p31, p32, c1 * p31 + c2 * p32))
+        Q = [
+            [P[i][j] - sum(A[i][k] * P[k][n] * A[j][n] for k in range(3) for n in range(3)) for j in range(3)]
+            for i in range(3)
+        ]
+        lower = [*_lower(A), *_lower(_factorize(Q)), c1, c2]
+        return _Transverse(tuple(map(float, lower)), np.array(_factorize(P), dtype=np.float64))
 
-    root = math.sqrt(3.0)
-    gain = sigma / math.sqrt(tau)
-    c = np.array([gain * root, gain * (1.0 - root)])
-    F = np.array([[-1.0 / tau, 0.0, 0.0], [1.0 / tau, -1.0 / tau, 0.0], [c[0] / lag, c[1] / lag, -1.0 / lag]])
-    b = np.array([[1.0], [0.0], [0.0]])
-    A = scipy.linalg.expm(F * dt)
-    P = scipy.linalg.solve_continuous_lyapunov(F, -b @ b.T)
-    Q = P - A @ P @ A.T
-    lower = np.tril_indices(3)
-    numbers = (*A[lower].tolist(), *_factorize(Q)[lower].tolist(), *c.tolist())
-    return _Transverse(numbers, _factorize(P))
+
+def _lower(matrix: Sequence[Sequence[Decimal]]) -> list[Decimal]:
+    return [matrix[i][j] for i in range(3) for j in range(i + 1)]
 
 
-def _factorize(Q: Array) -> Array:
-    """Return lower-triangular B with `B B^T = Q`; unlike Cholesky, Q may be singular to rounding."""
-    values, vectors = np.linalg.eigh(0.5 * (Q + Q.T))
-    B = np.asarray(np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")).T
-    return B * np.where(np.diag(B) < 0.0, -1.0, 1.0)
+def _factorize(Q: Sequence[Sequence[Decimal]]) -> list[list[Decimal]]:
+    """Return Cholesky's lower-triangular B with `B B^T = Q`; the last pivot may be 0 to rounding."""
+    B = [[Decimal(0)] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(i):
+            B[i][j] = (Q[i][j] - sum(B[i][k] * B[j][k] for k in range(j))) / B[j][j]
+        B[i][i] = max(Q[i][i] - sum(B[i][k] ** 2 for k in range(i)), Decimal(0)).sqrt()
+    return B
 
 
 Float8 = tuple[float, float, float, float, float, float, float, float]

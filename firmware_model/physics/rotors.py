@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_model.config.vehicle import Rotors
+from firmware_model.exact import multiply
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.soa import Lane, loader, put
 from firmware_model.physics.rigid_body import Body
@@ -78,7 +79,7 @@ def loss_params(rotors: Rotors, health: tuple[float, ...]) -> LossParams:
     """Return what is lost if each rotor gives its `health` [-], 0 to 1, of its thrust."""
     if all(share == 1.0 for share in health):
         return LossParams()
-    lost = rotors.wrench * (1.0 - np.array(health)) @ rotors.allocation
+    lost = multiply(rotors.wrench * (1.0 - np.array(health)), rotors.allocation)
     return LossParams(1.0, *(tuple(row) for row in lost.tolist()))
 
 

@@ -13,6 +13,7 @@ from firmware_model.autopilot.position_loop import initial_position_state, posit
 from firmware_model.config.scenario import NoiseTurn, Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.waveforms import Dryden
+from firmware_model.exact import multiply, sin_cos
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import GUST_STREAM
@@ -161,7 +162,7 @@ def noise_mix(seed: int, turns: Sequence[NoiseTurn]) -> Array:
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
-    turned = [(float(turn.seed), math.cos(turn.angle_rad), math.sin(turn.angle_rad)) for turn in turns]
+    turned = [(float(turn.seed), *reversed(sin_cos(turn.angle_rad))) for turn in turns]
     return np.array([(float(seed), 0.0, 1.0), *turned])
 
 
@@ -240,7 +241,7 @@ def _initial_turbulence(
     params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
     draw = np.array([*_normals(mix, GUST_STREAM, 0, 2), *_normals(mix, GUST_STREAM, 0, 3)])
-    return params, DrydenState(*(factor @ draw).tolist())
+    return params, DrydenState(*multiply(factor, draw[:, None])[:, 0].tolist())
 
 
 @compiled

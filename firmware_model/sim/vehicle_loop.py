@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
-from firmware_model.numerics.compiled import find_cache
+from firmware_model.numerics.compiled import compiled, find_cache
 from firmware_model.numerics.soa import field_offset
 from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
@@ -185,7 +185,7 @@ class VehicleLoop:
     def settle_rotors(self, rotors: Sequence[float], omega_B: Vector) -> None:
         """Give the vehicle rotors that have settled at thrusts, as fractions of the largest, and rates [rad/s] B."""
         body = self._state.state[X_BODY:X_DRYDEN]
-        body[field_offset(Body, "omega_B") :] = (*omega_B, *self._wrench @ rotors)
+        body[field_offset(Body, "omega_B") :] = (*omega_B, *self._add_rotors(rotors))
 
     def set_gust_scale(self, scale: float) -> None:
         """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""
@@ -219,8 +219,23 @@ class VehicleLoop:
     def _pack_rotors(self, command: RotorCommand) -> Array:
         row = np.zeros(inner_loop.SETPOINT_WIDTH)
         row[0], row[inner_loop.CLAMPED] = inner_loop.WRENCH, command.clamped
-        np.dot(self._wrench, command.rotors, out=row[1:5])
+        row[1:5] = self._add_rotors(command.rotors)
         return row
+
+    def _add_rotors(self, rotors: Sequence[float]) -> Array:
+        wrench = np.empty(4)
+        _multiply(self._wrench, np.array(rotors), wrench)
+        return wrench
+
+
+@compiled
+def _multiply(matrix: Array, vector: Array, product: Array) -> None:
+    # BLAS would add in an order of the processor's.
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        product[i] = total
 
 
 def pack_setpoint(setpoint: Setpoint) -> Array:

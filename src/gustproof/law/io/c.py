@@ -325,6 +325,8 @@ def resting_states(law: Law) -> NDArray[np.float64]:
         rest = np.linalg.lstsq(whole[:, 3:n], -held, rcond=1e-10)[0]
         if np.max(np.abs(held + whole[:, 3:n] @ rest)) <= 1e-9 * np.max(np.abs(whole[:, :3])):
             break
+    # LAPACK's last digits are the machine's; the text is to be the same everywhere.
+    rest = np.array([[float(f"{number:.9g}") for number in row] for row in rest.tolist()]).reshape(rest.shape)
     states[3:] = np.where(np.abs(rest) > 1e-9 * (1.0 + np.max(np.abs(rest))), rest, 0.0)
     return states
 
