@@ -6,6 +6,7 @@ BLAS, LAPACK and the C library choose their code by processor; the order of sums
 from collections.abc import Iterable, Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +15,24 @@ Array = NDArray[np.float64]
 Rows = Sequence[Sequence[Fraction]]
 DIGITS = 100
 """Decimal digits to compute with: six times those of a double, so that much may cancel."""
+_ASKED_AGAIN = lru_cache(maxsize=256)  # by each flight of a campaign: a function takes .1 ms
 
 
+@_ASKED_AGAIN
 def exp(x: float) -> float:
     """Return the exponential of `x`, rounded from 100 digits."""
     with localcontext(prec=DIGITS):
         return float(Decimal(x).exp())
 
 
+@_ASKED_AGAIN
 def power(x: float, exponent: float) -> float:
     """Return `x` > 0 to the power of `exponent`, rounded from 100 digits."""
     with localcontext(prec=DIGITS):
         return float(Decimal(x) ** Decimal(exponent))
 
 
+@_ASKED_AGAIN
 def sin_cos(x: float) -> tuple[float, float]:
     """Return sine and cosine of `x` [rad], within some turns, rounded from 100 digits less those of its size."""
     with localcontext(prec=DIGITS):

@@ -13,7 +13,7 @@ from firmware_model.autopilot.position_loop import initial_position_state, posit
 from firmware_model.config.scenario import NoiseTurn, Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.waveforms import Dryden
-from firmware_model.exact import multiply, sin_cos
+from firmware_model.exact import sin_cos
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import mixed_normals
 from firmware_model.numerics.random import GUST_STREAM
@@ -241,7 +241,19 @@ def _initial_turbulence(
     params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
     # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
     draw = np.array([*_normals(mix, GUST_STREAM, 0, 2), *_normals(mix, GUST_STREAM, 0, 3)])
-    return params, DrydenState(*multiply(factor, draw[:, None])[:, 0].tolist())
+    initial = np.empty(len(draw))
+    multiply_vector(factor, draw, initial)
+    return params, DrydenState(*initial.tolist())
+
+
+@compiled
+def multiply_vector(matrix: Array, vector: Array, product: Array) -> None:
+    """Write `matrix` (m, n) times `vector` (n,) to `product` (m,); BLAS would add in an order of the processor's."""
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        product[i] = total
 
 
 @compiled

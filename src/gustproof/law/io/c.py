@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import write_text
+from firmware_model.exact import multiply
 from gustproof.law.form import ANGLES, BODY_RATES, GYRO_REFERENCE_SIZE, Law, Output, Schedule
 from gustproof.law.io.operations import INSTRUCTIONS, count_operations
 from gustproof.law.io.single import SingleLaw, single_number, split
@@ -187,9 +188,9 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
         if writer.single is None
         else " In single precision; sums of slow states carry a second float."
     )
-    functions = "".join(_filled(f"{name}.c", words) + "\n" for name, needed in _functions(writer).items() if needed)
+    functions = "".join(_fill(f"{name}.c", words) + "\n" for name, needed in _functions(writer).items() if needed)
     prototypes = [f"static inline __attribute__((always_inline)) {each};" for each in _PROTOTYPE.findall(functions)]
-    return _filled(
+    return _fill(
         "law.c.in",
         {
             **words,
@@ -198,7 +199,7 @@ def _source(writer: "_Writer", words: dict[str, str]) -> str:
             "include": "" if writer.single is None else "#include <float.h>\n",
             "summary": _in_comment(made),
             "functions": functions,
-            "inlined": writer.filled("inlined.c.in", {**words, "prototypes": "\n".join(prototypes)}, lanes=True),
+            "inlined": writer.fill_part("inlined.c.in", {**words, "prototypes": "\n".join(prototypes)}, lanes=True),
             "library": writer.library("c", words),
             "start": writer.start(),
             "body": writer.body(),
@@ -242,7 +243,7 @@ def _header(writer: "_Writer", words: dict[str, str]) -> str:
         inputs.append("specific force x, y, z [m/s^2], (0, 0, -9.81) at rest")
     if writer.attitude is Attitude.AUTOPILOT:
         inputs.append("attitude phi, theta, psi [rad] by the autopilot, of the gyro's time")
-    return _filled(
+    return _fill(
         "law.h.in",
         {
             **words,
@@ -266,7 +267,7 @@ def _align(writer: "_Writer", words: dict[str, str], template: str) -> str:
     return Template(template).substitute(words, exact=low)
 
 
-def _filled(template: str, words: dict[str, str]) -> str:
+def _fill(template: str, words: dict[str, str]) -> str:
     return Template((_FOLDER / template).read_text(encoding="utf-8")).substitute(words)
 
 
@@ -294,7 +295,7 @@ def _self_test(writer: "_Writer") -> dict[str, str]:
         "steps": str(len(commands)),
         "samples": _rows(map(writer.number, row) for row in inputs[: len(commands)].tolist()),
         "commands": _rows(map(writer.number, row) for row in commands),
-        "last": _listed(map(writer.number, last.tolist()), 8),
+        "last": _list(map(writer.number, last.tolist()), 8),
     }
 
 
@@ -321,12 +322,12 @@ def resting_states(law: Law) -> NDArray[np.float64]:
     own = np.hstack([law.A + law.G @ np.eye(3, n, 3) - np.eye(n), law.B[:, 3:6]])[3:]
     sums = [np.hstack([law.C, law.D[:, 3:6]]), *([] if limit is None else [np.hstack([limit.S, limit.T[:, 3:6]])])]
     for whole in (np.vstack([own, *sums]), own):
-        held = whole[:, :3] + whole[:, n:]
-        rest = np.linalg.lstsq(whole[:, 3:n], -held, rcond=1e-10)[0]
-        if np.max(np.abs(held + whole[:, 3:n] @ rest)) <= 1e-9 * np.max(np.abs(whole[:, :3])):
+        others, rest = whole[:, 3:n], np.zeros((n - 3, 3))
+        for _ in range(3):  # exact residuals leave nothing of LAPACK's rounding, which differs between machines
+            residual = multiply(np.hstack([whole[:, :3] + whole[:, n:], others]), np.vstack([np.eye(3), rest]))
+            rest = rest - np.linalg.lstsq(others, residual, rcond=1e-10)[0]
+        if np.max(np.abs(residual)) <= 1e-9 * np.max(np.abs(whole[:, :3])):
             break
-    # LAPACK's last digits are the machine's; the text is to be the same everywhere.
-    rest = np.array([[float(f"{number:.9g}") for number in row] for row in rest.tolist()]).reshape(rest.shape)
     states[3:] = np.where(np.abs(rest) > 1e-9 * (1.0 + np.max(np.abs(rest))), rest, 0.0)
     return states
 
@@ -358,7 +359,7 @@ class _Writer(NamedTuple):
         return max(self.law.order + (0 if self.single is None else len(self.single.wide)), 1)
 
     def words(self) -> dict[str, str]:
-        """Return the words that templates have in common."""
+        """Return what stands for the placeholders that all C templates share, by name."""
         law = self.law
         return {
             **(_DOUBLE if self.single is None else _SINGLE),
@@ -485,18 +486,18 @@ class _Writer(NamedTuple):
             yield from (f"turned[{i}] -= rest[{i}][{j}] * turned[{j}];" for j in range(i + 1, k))
             yield f"turned[{i}] /= rest[{i}][{i}];"
 
-    def filled(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
-        """Return a part of a library, empty if it is none; `lanes` are in double precision alone."""
-        return _filled(template, words) if self.is_library and not (lanes and self.single) else ""
+    def fill_part(self, template: str, words: dict[str, str], *, lanes: bool) -> str:
+        """Return a filled template of a library; empty for other C, and for `lanes` in single precision."""
+        return _fill(template, words) if self.is_library and not (lanes and self.single) else ""
 
     def library(self, suffix: str, words: dict[str, str]) -> str:
         """Return facts and the step of several flights, of a library."""
         limits = _numbers(self.law.limits.tolist(), self.number)
         rates = str(int(self.law.output is Output.RATES))
         facts = {**words, "limits": limits, "rates": rates, "label": json.dumps(self.law.name), "lanes": self._lanes()}
-        facts["alone"] = _filled("steep_lanes.c", words) if self.law.has_kinematics else ""
+        facts["alone"] = _fill("steep_lanes.c", words) if self.law.has_kinematics else ""
         parts = ("library", False), ("lanes", True)
-        return "".join(self.filled(f"{name}.{suffix}.in", facts, lanes=lanes) for name, lanes in parts)
+        return "".join(self.fill_part(f"{name}.{suffix}.in", facts, lanes=lanes) for name, lanes in parts)
 
     def _lanes(self) -> str:
         """Return the step of one of several level flights: their numbers are in rows, `x[i][w]`."""
@@ -575,7 +576,7 @@ def _rows(rows: Iterable[Iterable[str]]) -> str:
     return "\n".join("        {" + ", ".join(row) + "}," for row in rows)
 
 
-def _listed(numbers: Iterable[str], margin: int) -> str:
+def _list(numbers: Iterable[str], margin: int) -> str:
     return indent("\n".join(wrap(", ".join(numbers), _WIDTH - margin, break_on_hyphens=False)), margin * " ")
 
 
