@@ -103,14 +103,14 @@ def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
     torque, calibration = "Torque about {} of 1.0 in a torque set-point", "A simulated {}; 0 would mean uncalibrated"
     sensors = (("GYRO", "gyro"), ("ACC", "accelerometer"), ("MAG", "compass"))
     return (
-        *(_fixed(name, limit, torque.format(axis), "N*m") for name, limit, axis in limits),
-        _fixed(RATE_NAME, scenario.control_rate_hz, "Samples, and expected set-points, per second", "Hz"),
+        *(_fixed_parameter(name, limit, torque.format(axis), "N*m") for name, limit, axis in limits),
+        _fixed_parameter(RATE_NAME, scenario.control_rate_hz, "Samples, and expected set-points, per second", "Hz"),
         Parameter("COM_OF_LOSS_T", timeout_s, loss, "s", 0.1, 60.0),
         Parameter("COM_OBL_RC_ACT", usual.fail_safe.value, action, choices=tuple(each.value for each in FailSafe)),
         Parameter("MIS_TAKEOFF_ALT", usual.takeoff_height, "Default take-off height above home", "m", 1.0, 500.0),
         Parameter("RTL_RETURN_ALT", usual.return_height, "Least height above home of the return", "m", 0.0, 500.0),
         Parameter("MPC_LAND_SPEED", usual.land_speed, "Descent rate near the ground", "m/s", 0.2, 1.5),
-        _fixed(HOVER_NAME, published_hover(vehicle), "Hover thrust in a set-point"),
+        _fixed_parameter(HOVER_NAME, published_hover(vehicle), "Hover thrust in a set-point"),
         Parameter(GUST_SCALE_NAME, 1.0, "Factor on all gusts of the scenario", minimum=0.0, maximum=3.0),
         Parameter(PAUSE_NAME, 0, "1 stops model time, 0 resumes the flight without a trace", choices=(0, 1)),
         *(
@@ -118,14 +118,14 @@ def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
             for gains, loop in loops
             for name, gain in gains.items()
         ),
-        _fixed("COM_RC_IN_MODE", 4, "4: no sticks"),
-        _fixed("SYS_AUTOSTART", 4001, "PX4's generic quadcopter"),
-        _fixed("SYS_HAS_MAG", 1, "1: the heading is known, from ideal navigation in place of a compass"),
-        *(_fixed(f"CAL_{sensor}0_ID", _DEVICE, calibration.format(word)) for sensor, word in sensors),
+        _fixed_parameter("COM_RC_IN_MODE", 4, "4: no sticks"),
+        _fixed_parameter("SYS_AUTOSTART", 4001, "PX4's generic quadcopter"),
+        _fixed_parameter("SYS_HAS_MAG", 1, "1: the heading is known, from ideal navigation in place of a compass"),
+        *(_fixed_parameter(f"CAL_{sensor}0_ID", _DEVICE, calibration.format(word)) for sensor, word in sensors),
     )
 
 
-def _fixed(name: str, default: float | int, meaning: str, unit: str = "") -> Parameter:
+def _fixed_parameter(name: str, default: float | int, meaning: str, unit: str = "") -> Parameter:
     return Parameter(name, default, meaning, unit, read_only=True)
 
 

@@ -44,7 +44,7 @@ DAMAGE_REASONS = (
 
 
 class Frame(NamedTuple):
-    """One checked frame."""
+    """MAVLink frame whose length, checksum and message id were checked."""
 
     message_id: int
     """Message id."""

@@ -26,6 +26,8 @@ QUESTIONS = {"what", "how", "whether", "where", "who", "when", "which", "that"}
 TWICE_ALLOWED = {"__init__", "__main__"}
 """Module names that every room may have; `cli` and `services` may repeat names of other rooms."""
 HELP_KEYWORDS = {"help", "description", "epilog", "meaning"}
+VERBS = {"balred", "compiled", "embed"}
+"""Words in -ed that are no participles, or name a decorator."""
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -120,6 +122,14 @@ def questioning_docstrings() -> Iterator[str]:
             first = re.match(r"\W*(\w+)", text)
             if first and first[1].lower() in QUESTIONS:
                 yield f"{module.path}:{line} {text.splitlines()[0][:90]}"
+
+
+def participles_for_functions() -> Iterator[str]:
+    """Yield functions that are named by a past participle alone: a function is a verb, or what it returns."""
+    for place, function in functions():
+        name = function.name.strip("_")
+        if re.fullmatch(r"[a-z]+[^e]ed", name) and name not in VERBS and not function.decorator_list:
+            yield place
 
 
 def long_sentences_in_docstrings() -> Iterator[str]:
@@ -228,6 +238,7 @@ def unused_definitions() -> Iterator[str]:
 
 ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     questioning_docstrings: 0,
+    participles_for_functions: 0,
     long_sentences_in_docstrings: 1,
     long_sentences_in_help: 0,
     long_sentences_in_pages: 0,
@@ -238,7 +249,7 @@ ALLOWED: dict[Callable[[], Iterator[str]], int] = {
     private_imports_across_rooms: 0,
     code_from_text: 0,
     rooms_without_docstring: 0,
-    unformatted_code: 19,
+    unformatted_code: 17,
     unused_definitions: 0,
 }
 """Breaches that the tree still has, by rule. A number may fall, never rise."""

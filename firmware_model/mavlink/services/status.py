@@ -43,7 +43,7 @@ _HEALTHY_SENSORS = _SENSORS | wire.MAV_SYS_STATUS_GEOFENCE
 def make_service(context: VehicleContext) -> Service:
     """Return the service of the vehicle's status."""
 
-    def extended() -> Message:
+    def extended_state() -> Message:
         landed_state = context.autopilot.landed_state.value
         return wire.MAVLink_extended_sys_state_message(wire.MAV_VTOL_STATE_UNDEFINED, landed_state)
 
@@ -51,7 +51,7 @@ def make_service(context: VehicleContext) -> Service:
         streams={
             wire.MAVLINK_MSG_ID_SYS_STATUS: Stream(lambda: _system_message(context.loop.battery), 1_000_000),
             wire.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(lambda: _battery_message(context.loop.battery), 2_000_000),
-            wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended, 1_000_000),
+            wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(extended_state, 1_000_000),
             wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT: Stream(_estimator_message, 1_000_000),
         }
     )

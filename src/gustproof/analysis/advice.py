@@ -185,7 +185,7 @@ class _Advisor:
         self._open = [axis for axis, peak in enumerate(peaks) if peak > TARGET]
         self._targets = [min(peak, TARGET) for peak in peaks]
         self._as_is = [axis.performance(_AS_IS) for axis in self._now]
-        self._before = _pooled(self._as_is)
+        self._before = _pool(self._as_is)
         self._phase_cost = cache(self._find_phase_cost)
 
     def advise(self, slew: float) -> tuple[Advice, ...]:
@@ -231,7 +231,7 @@ class _Advisor:
         figures = list(self._as_is)
         for axis, index in scales.items():
             figures[axis] = axes[axis].performance(index)
-        rmse, slew = _pooled(figures)
+        rmse, slew = _pool(figures)
         if not math.isfinite(rmse) or slew > most:
             return None
         return Advice(
@@ -257,7 +257,7 @@ class _Advisor:
 
 
 def _axis(law: Law, axis: int, model: AxisModel, omega: Matrix) -> _Axis:
-    controller = loop_law(law).subsystem([axis], [axis]).connected()
+    controller = loop_law(law).subsystem([axis], [axis]).drop_unconnected()
     loop = open_loop(model, controller)
     L = loop.response(omega)[:, 0, 0]
     closed = loop.A - _FACTORS[:, None, None] * (loop.B @ loop.C)
@@ -266,7 +266,7 @@ def _axis(law: Law, axis: int, model: AxisModel, omega: Matrix) -> _Axis:
     return _Axis(model, controller, L, np.where(stable, peaks, math.inf))
 
 
-def _pooled(axes: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def _pool(axes: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return error [deg] and slew [N*m/s] of all axes."""
     rmse, slew = np.sqrt(np.mean(np.square(axes), axis=0)).tolist()
     return math.degrees(rmse), slew

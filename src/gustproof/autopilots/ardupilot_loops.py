@@ -94,9 +94,11 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     loop = AxisLoop(dt)
     omega = loop.rate
     for each in _iter_notches(parameters, rate_hz):
-        omega = loop.filtered(omega, each)
+        omega = loop.apply_filter(omega, each)
     if parameters["INS_GYRO_FILTER"] > 0.0:
-        omega = loop.filtered(omega, butterworth(min(parameters["INS_GYRO_FILTER"], _LOW_PASS_END * rate_hz), rate_hz))
+        omega = loop.apply_filter(
+            omega, butterworth(min(parameters["INS_GYRO_FILTER"], _LOW_PASS_END * rate_hz), rate_hz)
+        )
     commanded = parameters[f"ATC_ANG_{name}_P"] * (loop.reference - loop.attitude)
     target = loop.smooth(commanded, to_target)
     error = loop.smooth(target - omega, to_error)
@@ -104,7 +106,7 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     integral = before + dt * error
     torque = full_torque * (P * error + I * integral + FF * target)
     if D > 0.0:
-        torque += full_torque * D * loop.smooth((error - loop.delayed(error)) / dt, to_slope)
+        torque += full_torque * D * loop.smooth((error - loop.delay(error)) / dt, to_slope)
     # Back-calculation, so that the integral empties with the time constant of the PI, as in `gustproof.law.cascade`.
     loop.set_next(before, integral, dt / (full_torque * P) if P > 0.0 else 0.0)
     most = parameters[f"ATC_RATE_{'RPY'[axis]}_MAX"]

@@ -91,8 +91,8 @@ class AxisLoop:
         at = int(np.argmax(state))
         self._next[at], self._excess[at] = signal, excess
 
-    def delayed(self, signal: Matrix) -> Matrix:
-        """Return a signal a sample later."""
+    def delay(self, signal: Matrix) -> Matrix:
+        """Return the signal as it was one sample before."""
         state = self.state()
         self.set_next(state, signal)
         return state
@@ -106,7 +106,7 @@ class AxisLoop:
         self.set_next(state, out)
         return out
 
-    def filtered(self, signal: Matrix, biquad: Biquad) -> Matrix:
+    def apply_filter(self, signal: Matrix, biquad: Biquad) -> Matrix:
         """Return a signal after a filter of the second order; its states equal the signal at rest."""
         b0, b1, b2, a1, a2 = biquad
         gain = 1.0 + a1 + a2

@@ -60,16 +60,16 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
         frequency, bandwidth = parameters[f"{each}_FRQ"], parameters[f"{each}_BW"]
         if 0.0 < frequency < 0.5 * rate_hz and bandwidth > 0.0:
             place, width = max(frequency, LEAST_SHARE * rate_hz), max(bandwidth * dt, LEAST_SHARE)
-            omega = loop.filtered(omega, notch(place, math.tan(math.pi * width), 0.0, rate_hz))
+            omega = loop.apply_filter(omega, notch(place, math.tan(math.pi * width), 0.0, rate_hz))
     if 0.0 < parameters["IMU_GYRO_CUTOFF"] < 0.5 * rate_hz:
-        omega = loop.filtered(omega, butterworth(parameters["IMU_GYRO_CUTOFF"], rate_hz))
+        omega = loop.apply_filter(omega, butterworth(parameters["IMU_GYRO_CUTOFF"], rate_hz))
     commanded = parameters[f"MC_{name}_P"] * (loop.reference - loop.attitude)
     error = commanded - omega
     integral = loop.state()
     torque = full_torque * (K * (P * error + I * integral) + FF * commanded)
     if D > 0.0:
         cutoff = parameters["IMU_DGYRO_CUTOFF"]
-        slope = (omega - loop.delayed(omega)) / dt
+        slope = (omega - loop.delay(omega)) / dt
         torque -= (
             full_torque * K * D * loop.smooth(slope, smoothing(cutoff, rate_hz) if cutoff < 0.5 * rate_hz else 1.0)
         )

@@ -30,7 +30,7 @@ import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_error, shortened
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_error, shorten
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -99,7 +99,7 @@ class GeometricPid:
         p, q, r = rates
         c, kW, kI, (e1, e2, e3) = self._c, self._kW, self._kI, self._e_I
         # [rad/s] the rate that the error commands, reversed
-        sx, sy, sz = shortened((c[0] * x, c[1] * y, c[2] * z), self._rate_limit)
+        sx, sy, sz = shorten((c[0] * x, c[1] * y, c[2] * z), self._rate_limit)
         if dt != self._dt:
             self._dt, self._share = dt, tuple(-math.expm1(-corner * dt) for corner in self._cutoff)
         (f1, f2, f3), share, kA = self._smooth, self._share, self._kA

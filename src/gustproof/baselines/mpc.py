@@ -38,7 +38,7 @@ import scipy
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shorten
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes
 from gustproof.law.cascade import AxisLaw
 from gustproof.lti.state_space import Lti, Matrix, discretize_zoh
@@ -251,7 +251,7 @@ class Mpc:
         rates = as_vector(gyro)
         e = rotation_vector(*self._attitude.update(rates, as_vector(reference), dt))
         r1, r2, r3 = self._ratio
-        s = shortened((r1 * e[0], r2 * e[1], r3 * e[2]), self._rate_limit)
+        s = shorten((r1 * e[0], r2 * e[1], r3 * e[2]), self._rate_limit)
         angles = s[0] / r1, s[1] / r2, s[2] / r3
         states, disturbances, unlimited, filters = [], [], [], []
         for k in range(3):

@@ -37,7 +37,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.baselines.geometric import GeometricGains, geometric_axis
 from gustproof.baselines.geometric_lead import find_lead
-from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shorten
 from gustproof.baselines.tuned_gains import (
     DATA,
     design_vehicle,
@@ -149,7 +149,7 @@ class Policy:
         rate = as_vector(gyro)
         e1, e2, e3 = rotation_vector(*self._attitude.update(rate, as_vector(reference), dt))
         a, b, c = self._lead
-        s1, s2, s3 = shortened((a * e1, b * e2, c * e3), self._rate_limit)
+        s1, s2, s3 = shorten((a * e1, b * e2, c * e3), self._rate_limit)
         i1, i2, i3 = self._integral
         x = self._inputs
         p, q, r = rate
@@ -265,7 +265,7 @@ def train_policy(vehicle: Vehicle, training: Training = TRAINING) -> Weights:
     ]
     weights = Weights(*(np.array(layers) for layers in zip(*evolved, strict=True)))
     weights = _imitate(weights, _Histories(vehicle, teacher, units, weights.gains), training)
-    return Weights(*map(_rounded, weights))
+    return Weights(*map(_round, weights))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -326,7 +326,7 @@ def _imitate(weights: Weights, histories: _Histories, training: Training) -> Wei
     return _calibrate(Weights(*layers), histories.gains)
 
 
-def _rounded(layer: Matrix) -> Matrix:
+def _round(layer: Matrix) -> Matrix:
     return layer.astype(np.float32).astype(float)
 
 
@@ -393,7 +393,7 @@ def _evolve(layers: list[Matrix], price: _Price, training: Training) -> list[Mat
     rng = np.random.default_rng(training.seed)
     best, least = None, math.inf
     for generation in range(training.generations + 1):
-        rounded = [_rounded(layer) for layer in layers]
+        rounded = [_round(layer) for layer in layers]
         error, excess = price.cost(rounded)
         if excess == 0.0 and error < least:
             best, least = rounded, error

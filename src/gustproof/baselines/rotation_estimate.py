@@ -131,7 +131,7 @@ def rotation_vector(R: Rotation, R_d: Rotation) -> Vector:
     return factor * x, factor * y, factor * z
 
 
-def shortened(v: Vector, longest: float) -> Vector:
+def shorten(v: Vector, longest: float) -> Vector:
     """Return a vector at no more than a length; to the bit itself if it is no longer."""
     length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     if length <= longest:

@@ -27,7 +27,7 @@ from collections.abc import Iterable, Sequence
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.types import Vector
-from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shortened
+from gustproof.baselines.rotation_estimate import HeldAttitude, as_vector, rotation_vector, shorten
 from gustproof.baselines.tuned_gains import design_vehicle, find_gains, start_speeds, tune_axes, tuning_scenario
 from gustproof.law.cascade import AxisLaw
 from gustproof.performance.covariance import AxisModel
@@ -95,7 +95,7 @@ class RotorIndi:
         rates = as_vector(gyro)
         e = rotation_vector(*self._attitude.update(rates, as_vector(reference), dt))
         g1, g2, g3 = self._gains
-        s = shortened((-g1.angle_p * e[0], -g2.angle_p * e[1], -g3.angle_p * e[2]), self._rate_limit)
+        s = shorten((-g1.angle_p * e[0], -g2.angle_p * e[1], -g3.angle_p * e[2]), self._rate_limit)
         present = self._torques(self._speed)
         torques = [axis.torque(*of) for axis, *of in zip(self._axes, rates, s, present, strict=True)]
         L, M, N = (min(max(u, -limit), limit) for u, limit in zip(torques, self._limit, strict=True))

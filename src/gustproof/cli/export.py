@@ -70,14 +70,14 @@ def export(
     wanted = {path: suffix for path, suffix in ((c, ".c"), (mat, ".mat"), (csv, ""), (as_law, ".json")) if path}
     _check_outputs({**wanted, **dict.fromkeys(folders.values(), "")}, c)
     _check_attitude(attitude)
-    _check_options(bool(c or folders), rate, _checked_on(law, vehicle), attitude, checked=float32 or bool(folders))
+    _check_options(bool(c or folders), rate, _find_vehicle(law, vehicle), attitude, checked=float32 or bool(folders))
     read = _read_law(law, vehicle, rate)
     with working(f"exporting {read.name}", quiet=as_json):
         told = [_export_folder(read, name, path, attitude, rate, vehicle, float32) for name, path in folders.items()]
         if wanted:
             margins = {}
             if rate is not None:
-                read, margins["margins"] = _resampled(read, rate, vehicle)
+                read, margins["margins"] = _resample(read, rate, vehicle)
             files = [str(path) for path in wanted]
             told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, **margins})
             if c is not None:
@@ -129,7 +129,7 @@ def _export_folder(
     margins = {}
     wanted = rate or RATES[firmware]
     if abs(wanted * law.dt - 1.0) > 1e-9:
-        law, margins["margins"] = _resampled(law, wanted, vehicle)
+        law, margins["margins"] = _resample(law, wanted, vehicle)
     source = attitude or ("autopilot" if law.is_scheduled else "own")
     body = load_vehicle(vehicle or law.provenance.vehicle)
     try:
@@ -158,7 +158,7 @@ def _read_law(law: str, vehicle: str | None, rate: int | None) -> "Law":
     return find_law(law, load_vehicle(vehicle or "paper"), rate)
 
 
-def _checked_on(law: str, vehicle: str | None) -> str | None:
+def _find_vehicle(law: str, vehicle: str | None) -> str | None:
     """Return the vehicle that a loop must be checked on; an autopilot's loops need one themselves."""
     return None if is_parameter_file(law) else vehicle
 
@@ -201,7 +201,7 @@ def _bound_rounding(law: "Law", vehicle: str | None) -> dict[str, Any]:
         return {"proven": False, "statement": f"No bound of the rounding is proved: {error}."}
 
 
-def _resampled(law: "Law", rate: int, vehicle: str | None) -> "tuple[Law, dict[str, Any]]":
+def _resample(law: "Law", rate: int, vehicle: str | None) -> "tuple[Law, dict[str, Any]]":
     """Return the law at another rate [Hz], and the margins at both rates, `None` if unknown."""
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.analysis.law_margins import resample_at_hover

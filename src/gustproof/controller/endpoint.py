@@ -227,7 +227,7 @@ class ControllerEndpoint:
             self._signing.tick(now_us)
         if self._answers and self._controller is not None:
             for answer in self._answers:
-                self._outbox.append((self._packed(self._controller, *answer), self.vehicle))
+                self._outbox.append((self._pack_command(self._controller, *answer), self.vehicle))
             self._answers.clear()
         if now_us >= self._heartbeat_at_us:
             self._heartbeat_at_us = now_us + HEARTBEAT_US
@@ -342,7 +342,7 @@ class ControllerEndpoint:
         self._answers.append((time_us, controller.fractions))
         return True
 
-    def _packed(self, controller: Controller, time_us: int, fractions: Vector) -> bytes:
+    def _pack_command(self, controller: Controller, time_us: int, fractions: Vector) -> bytes:
         """Return the command for a sample as a datagram."""
         if controller.torque:
             return self.channel.make(self._commands, time_us, *fractions, math.nan)

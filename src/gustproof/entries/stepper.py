@@ -109,7 +109,7 @@ class CheckedStepper:
         return result
 
     @contextmanager
-    def limited(self) -> Iterator[None]:
+    def limit_time(self) -> Iterator[None]:
         """Raise a `StepError` in the block once a call takes longer than `STEP_LIMIT_S`, see `time_limit`."""
         try:
             with time_limit(STEP_LIMIT_S, lambda: self._calls if self._busy else time.monotonic_ns()):

@@ -120,7 +120,7 @@ def _units(law: Law, attitude: Attitude, words: Mapping[str, str], *, single: bo
         "fade": f"{_FADE}f",
         "more": "".join(f"    {line}\n" for line in more),
     }
-    texts = {name: _filled(f"common/{name}", inside) for name in ("gustproof_inside.h", "gustproof_inside.c")}
+    texts = {name: _fill(f"common/{name}", inside) for name in ("gustproof_inside.h", "gustproof_inside.c")}
     return {"gustproof_law.h": unit.header, "gustproof_law.c": unit.source, **texts}
 
 
@@ -136,10 +136,10 @@ def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str
     parameters = px4_parameters(vehicle) | {"IMU_GYRO_RATEMAX": str(rate), "IMU_GYRO_CUTOFF": "80"}
     module = "src/modules/gustproof"
     return {
-        "README.md": _filled("px4/README.md", words),
-        "src/CMakeLists.txt": _filled("px4/CMakeLists.txt", {}),
+        "README.md": _fill("px4/README.md", words),
+        "src/CMakeLists.txt": _fill("px4/CMakeLists.txt", {}),
         "vehicle.txt": "".join(f"param set {name} {value}\n" for name, value in parameters.items()),
-        **{f"{module}/{name}": _filled(f"px4/module/{name}", words) for name in _listed("px4/module")},
+        **{f"{module}/{name}": _fill(f"px4/module/{name}", words) for name in _list("px4/module")},
         **{f"{module}/{name}": text for name, text in units.items()},
     }
 
@@ -154,10 +154,10 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
     library = "libraries/AC_CustomControl"
     sources = ("AC_CustomControl_Gustproof.h", "AC_CustomControl_Gustproof.cpp")
     return {
-        "README.md": _filled("ardupilot/README.md", words),
-        "edits.patch": _filled("ardupilot/edits.patch", {}),
+        "README.md": _fill("ardupilot/README.md", words),
+        "edits.patch": _fill("ardupilot/edits.patch", {}),
         "vehicle.parm": "".join(f"{name},{value}\n" for name, value in parameters.items()),
-        **{f"{library}/{name}": _filled(f"ardupilot/{name}", words) for name in sources},
+        **{f"{library}/{name}": _fill(f"ardupilot/{name}", words) for name in sources},
         **{f"{library}/{name}": text for name, text in units.items()},
     }
 
@@ -178,12 +178,12 @@ def _crazyflie(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
         "hover": str(round(65535 * hover_fraction(vehicle))),
     }
     return {
-        "README.md": _filled("crazyflie/README.md", words),
-        "Makefile": _filled("crazyflie/Makefile", {}),
-        "Kbuild": _filled("crazyflie/Kbuild", {}),
-        "app-config": _filled("crazyflie/app-config", {}),
-        "src/Kbuild": _filled("crazyflie/src.Kbuild", {}),
-        "src/gustproof.c": _filled("crazyflie/gustproof.c", words),
+        "README.md": _fill("crazyflie/README.md", words),
+        "Makefile": _fill("crazyflie/Makefile", {}),
+        "Kbuild": _fill("crazyflie/Kbuild", {}),
+        "app-config": _fill("crazyflie/app-config", {}),
+        "src/Kbuild": _fill("crazyflie/src.Kbuild", {}),
+        "src/gustproof.c": _fill("crazyflie/gustproof.c", words),
         **{f"src/{name}": text for name, text in units.items()},
     }
 
@@ -193,9 +193,9 @@ def _torques(full: Vector) -> dict[str, str]:
     return {f"{axis}_torque": f"{value:.7g}f" for axis, value in zip(("roll", "pitch", "yaw"), full, strict=True)}
 
 
-def _listed(folder: str) -> list[str]:
+def _list(folder: str) -> list[str]:
     return sorted(path.name for path in (_DATA / folder).iterdir())
 
 
-def _filled(template: str, words: Mapping[str, str]) -> str:
+def _fill(template: str, words: Mapping[str, str]) -> str:
     return Template((_DATA / template).read_text(encoding="utf-8")).substitute(words)

@@ -69,7 +69,7 @@ class Curves:
         share = power_share([np.gradient(caused, self.dt) for caused in self.caused], self.dt, 0.99)
         return float(np.clip(share, 3.0, _HIGHEST))
 
-    def explained(self, corner: float) -> float:
+    def r_squared(self, corner: float) -> float:
         """Return R^2 of the acceleration predicted from the command alone, from .5 Hz to `corner` [Hz]."""
         left = total = 0.0
         for rate, caused in zip(self.rate, self.caused, strict=True):

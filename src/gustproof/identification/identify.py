@@ -79,7 +79,7 @@ class _Axis:
     def gain(self) -> Interval | None:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
-        explained = self.curves.explained(self.curves.corner())
+        explained = self.curves.r_squared(self.curves.corner())
         loose = _LOOSE if explained > _EXPLAINED else _VAGUE
         sound = gain > 0.0 and explained > 0.0 and self.theta[DAMPING] < HIGHEST_DAMPING
         sound = sound and (self.data.square or self.theta[GAINS] > 0.0)
@@ -117,14 +117,14 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
-    held_out = [_held_out(axis, ahead) for axis in trained]
+    held_out = [_score_held_out(axis, ahead) for axis in trained]
     return _collect(log, command, axes, held_out)
 
 
 def _next_spacing(axes: list[_Axis], gyro: Signal) -> float | None:
     """Return the next spacing [s] of gyro samples if their noise is coloured; `None` if it is not, or at the last."""
     spacing = 1.2 * sample_time(gyro)
-    return next((each for each in _APART_S if each > spacing), None) if _coloured(axes) else None
+    return next((each for each in _APART_S if each > spacing), None) if _find_coloured_axes(axes) else None
 
 
 def _thin(log: FlightLog, spacing: float) -> FlightLog:
@@ -135,7 +135,7 @@ def _thin(log: FlightLog, spacing: float) -> FlightLog:
     return replace(log, gyro=gyro, findings=(*told, f"{_FILTERED}: one sample in {1e3 * spacing:g} ms is used"))
 
 
-def _coloured(axes: list[_Axis]) -> list[str]:
+def _find_coloured_axes(axes: list[_Axis]) -> list[str]:
     """Return the axes of the gyro whose noise is not white."""
     return [_AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
 
@@ -201,10 +201,10 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
     return np.concatenate(parts)
 
 
-def _held_out(axis: _Axis, ahead: list[Stretch]) -> float:
+def _score_held_out(axis: _Axis, ahead: list[Stretch]) -> float:
     """Return R^2 of the prediction of stretches that the fit has not seen."""
     data = replace(axis.data, stretches=ahead)
-    return make_curves(data, axis.theta, axis.curves.dt).explained(axis.curves.corner())
+    return make_curves(data, axis.theta, axis.curves.dt).r_squared(axis.curves.corner())
 
 
 def _collect(log: FlightLog, command: Signal, axes: list[_Axis], held_out: list[float]) -> Identification:
@@ -270,7 +270,7 @@ def _estimate(axis: _Axis, held_out: float, dt: float) -> AxisEstimate:
 def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
     name, gain = _AXES[axis.data.axis], axis.wide_gain
-    share = max(axis.curves.explained(axis.curves.corner()), 0.0)
+    share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
     if share > _MOSTLY:
         return (
@@ -299,6 +299,6 @@ def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
     if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
         lag = np.exp(axes[2].theta[LAG])
         doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")
-    if coloured := _coloured(axes):
+    if coloured := _find_coloured_axes(axes):
         doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts

@@ -162,7 +162,7 @@ def _start(found: Identification, known: Known) -> _Draft:
     """Return the document of the vehicle that the rest is taken from, of the mass that is known."""
     like = load_vehicle(known.like or _DEFAULT_LIKE)
     factor, origin = _compare_mass(found, known, like)
-    document = _scaled(to_jsonable_python(like, exclude_none=True), factor ** (1.0 / 3.0))
+    document = _scale(to_jsonable_python(like, exclude_none=True), factor ** (1.0 / 3.0))
     draft = _Draft(document=document, origin=origin, origins={}, findings=[])
     if known.like is None and found.actuator_lag is not None:
         _slow_down(document["stabilizer"], found.actuator_lag.nominal / like.actuator_lag)
@@ -200,12 +200,12 @@ def _compare_mass(found: Identification, known: Known, like: Vehicle) -> tuple[f
     return float(np.mean(ratio)) ** 0.6, f"assumed: {like.name} scaled to this inertia"
 
 
-def _scaled(document: dict[str, Any], factor: float, prefix: str = "") -> dict[str, Any]:
+def _scale(document: dict[str, Any], factor: float, prefix: str = "") -> dict[str, Any]:
     """Return the document of a vehicle whose lengths are `factor` times as large."""
 
     def scale(key: str, value: Any) -> Any:
         if isinstance(value, dict):
-            return _scaled(value, factor, f"{key}.")
+            return _scale(value, factor, f"{key}.")
         return (np.array(value) * factor ** _POWERS[key]).tolist() if key in _POWERS and factor != 1.0 else value
 
     return {name: scale(f"{prefix}{name}", value) for name, value in document.items()}

@@ -240,7 +240,7 @@ class Law:
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
         if self.has_kinematics and n < 6:
             raise ValueError(f"G is not 0 but A has order {n}; attitude and rates need x[0:6]")
-        object.__setattr__(self, "rate_limit", self.rate_limit and _checked(self.rate_limit, n, m))
+        object.__setattr__(self, "rate_limit", self.rate_limit and _check_rate_limit(self.rate_limit, n, m))
         object.__setattr__(self, "schedule", self.schedule and _checked_schedule(self.schedule, n, m))
 
     @property
@@ -371,7 +371,7 @@ def _schedule_to_dict(schedule: Schedule) -> dict[str, Any]:
     return {"parameters": list(schedule.parameters), **_to_lists(schedule, SCHEDULE_MATRICES)}
 
 
-def _checked(rate_limit: RateLimit, n: int, m: int) -> RateLimit:
+def _check_rate_limit(rate_limit: RateLimit, n: int, m: int) -> RateLimit:
     """Return the limit with read-only arrays of the law's shapes; `n` states, `m` measurements."""
     shapes = {"S": (3, n), "T": (3, m), "U": (3, 3), "V": (n, 3), "limits": (3,)}
     copies = {name: readonly_copy(f"rate_limit.{name}", getattr(rate_limit, name), shapes[name]) for name in shapes}

@@ -157,7 +157,7 @@ class Fly:
         return f"{self.pilot.name}, {self.vehicle.name}, {self.scenario.name}"
 
     def run(self) -> Result:
-        """Return each flight's error, `None` if it failed, and why."""
+        """Return the error [deg] of each flight, `None` for one that failed, and the reasons."""
         with np.errstate(all="ignore"):  # a flight that diverges is a result
             in_lanes = flies_in_lanes(self.pilot) and not self.scenario.has_link_script
             flights = self._fly_lanes() if in_lanes else [self._fly(seed) for seed in self.seeds]

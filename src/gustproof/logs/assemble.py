@@ -35,8 +35,8 @@ class Rows:
     values: Array
     """(n, k) in the unit of the signal in `FlightLog`."""
 
-    def chosen(self, which: NDArray[np.bool_]) -> "Rows":
-        """Return the samples (m,) where `which` (n,) is true."""
+    def take(self, which: NDArray[np.bool_]) -> "Rows":
+        """Return the m of n samples for which the mask `which` (n,) is true."""
         if which.all():
             return self
         return Rows(position=self.position[which], time_us=self.time_us[which], values=self.values[which])
@@ -153,7 +153,7 @@ def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
 
 def _cut(rows: Rows, begin: int, end: int) -> Rows:
     """Return the rows from place `begin` to `end`, both included."""
-    return rows.chosen((rows.position >= begin) & (rows.position <= end))
+    return rows.take((rows.position >= begin) & (rows.position <= end))
 
 
 def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
@@ -163,12 +163,12 @@ def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
     absurd = len(usable) - int(np.count_nonzero(usable))
     if absurd:
         findings.append(f"{name}: {absurd:,} of {len(usable):,} samples are no plausible numbers: left out")
-    rows = rows.chosen(usable)
+    rows = rows.take(usable)
     latest = np.maximum.accumulate(np.concatenate(([-np.inf], rows.time_us)))[:-1]
     rising = rows.time_us > latest
     if late := len(rising) - int(np.count_nonzero(rising)):
         findings.append(f"{name}: {late:,} of {len(rising):,} samples are out of order or twice: left out")
-    return rows.chosen(rising)
+    return rows.take(rising)
 
 
 def _shortcomings(signals: dict[str, Signal]) -> list[str]:

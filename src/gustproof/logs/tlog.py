@@ -143,7 +143,7 @@ class _Samples(NamedTuple):
     def between(self, begin: int, end: int) -> "_Samples":
         """Return the samples from place `begin` to `end`."""
         chosen = (self.rows.position >= begin) & (self.rows.position <= end)
-        return _Samples(self.rows.chosen(chosen), self.arrival_us[chosen])
+        return _Samples(self.rows.take(chosen), self.arrival_us[chosen])
 
     def delay_us(self) -> float:
         """Return the usual time of arrival less stamp [us]."""

@@ -240,7 +240,7 @@ def read_ulog(path: Path) -> Draft:
     for signal, sources in _SIGNALS.items():
         found = [rows for source in sources if (rows := source.rows(parser)) is not None]
         if signal == "gyro":
-            found = [*_fifo(parser), *_centred(parser, found)]
+            found = [*_fifo(parser), *_centre_gyro(parser, found)]
         if found:
             draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
     draft.findings += _findings(parser, left)
@@ -265,7 +265,7 @@ def read_topics(
     return {name: table[1] for name, table in tables.items() if table is not None}, parser.parameters.values
 
 
-def _centred(parser: _Parser, found: list[Rows]) -> list[Rows]:
+def _centre_gyro(parser: _Parser, found: list[Rows]) -> list[Rows]:
     """Return the sources of the gyro, with the means of `sensor_combined` at the middle of their intervals."""
     table = parser.topic("sensor_combined", ("gyro_rad", "gyro_integral_dt"))
     if table is None:

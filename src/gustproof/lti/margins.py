@@ -174,7 +174,7 @@ def _channel(L: Lti, k: int) -> Lti:
     """Return the scalar loop of channel `k` with the other channels of the negative-feedback loop `L` closed."""
     order = [k, *(j for j in range(L.n_inputs) if j != k)]
     swapped = L.subsystem(order, order)
-    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)).connected() if L.n_inputs > 1 else swapped
+    return lft(swapped, gain(-np.eye(L.n_inputs - 1), L.dt)).drop_unconnected() if L.n_inputs > 1 else swapped
 
 
 def _grid(L: Lti) -> Matrix:

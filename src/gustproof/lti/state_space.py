@@ -122,7 +122,7 @@ class Lti:
         """Return the system from the selected inputs to the selected outputs, in that order, with all its states."""
         return Lti(A=self.A, B=self.B[:, inputs], C=self.C[outputs], D=self.D[outputs][:, inputs], dt=self.dt)
 
-    def connected(self) -> "Lti":
+    def drop_unconnected(self) -> "Lti":
         """Return the system without the states that no input reaches, or that no output sees, by their zeros alone."""
         links = self.A != 0.0
         reached, seen = np.any(self.B != 0.0, axis=1), np.any(self.C != 0.0, axis=0)

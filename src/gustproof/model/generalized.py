@@ -76,7 +76,7 @@ def rates_problem(
 
 
 def _leaks(leak: float, weights: Weights) -> Matrix:
-    """Return the leak [1/s] of each axis: a measured angle needs none."""
+    """Return the leak [1/s] of each axis' attitude; roll and pitch need none where the law measures tilt."""
     return np.full(3, leak) if weights.W_l is None else np.array([0.0, 0.0, leak])
 
 

@@ -50,7 +50,7 @@ def messages(path: Path) -> Iterator[Message]:
             raise ValueError("not a whole MCAP file: its end is missing")
         most = _LARGEST + _MAX_RATIO * size
         if (
-            sum(_claimed(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP)
+            sum(_claimed_size(body) for operation, body in _records(file, len(_MAGIC), size) if operation == _CHUNK_OP)
             > most
         ):
             raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
@@ -75,7 +75,7 @@ def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, byte
         yield operation, file.read(length)
 
 
-def _claimed(chunk: bytes) -> int:
+def _claimed_size(chunk: bytes) -> int:
     """Return the decompressed size [bytes] that a chunk claims."""
     claimed: int = _CHUNK.unpack_from(chunk)[2]
     if claimed > _LARGEST:
@@ -87,7 +87,7 @@ def _decompress(chunk: bytes) -> bytes:
     """Return the records of a chunk."""
     import pyarrow  # decompresses into a buffer of fixed size
 
-    claimed, (checksum, name_length) = _claimed(chunk), _CHUNK.unpack_from(chunk)[3:]
+    claimed, (checksum, name_length) = _claimed_size(chunk), _CHUNK.unpack_from(chunk)[3:]
     name = chunk[_CHUNK.size :][:name_length].decode()
     content = chunk[_CHUNK.size + name_length + 8 :]
     records: bytes = pyarrow.decompress(content, claimed, name, asbytes=True) if name else content

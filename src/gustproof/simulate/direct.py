@@ -135,7 +135,7 @@ def fly_stepper(
     params, state, ring, sample_us = flight.params, flight.state, flight.ring, flight.sample_us
     late, k = len(ring), 0
     try:
-        with stepper.limited():
+        with stepper.limit_time():
             stepper.reset()
             for k, record in enumerate(flight.records):
                 observe(params, state, flight.waves, flight.replay, flight.changes, flight.mix, k, sample_us, record)

@@ -43,7 +43,7 @@ def fly_by_messages(
     """Fly a law or an entry as `fly_loopback` does; return the records up to the failure of the entry, and that."""
     rows: list[Array] = []
     try:
-        with nullcontext() if isinstance(pilot, Law) else pilot.limited():
+        with nullcontext() if isinstance(pilot, Law) else pilot.limit_time():
             failure = _fly(scenario, pilot, vehicle, seed, rows)
     except StepError as hung:
         failure = hung

@@ -277,7 +277,7 @@ class _Search:
             found = self._minimize(z, low, high, np.log(peaks * (1.0 - room)))
             if found is None:
                 return None
-            z, values = found, self._named(np.exp(found))
+            z, values = found, self._name(np.exp(found))
             excess = max(peak / allowed for peak, allowed in zip(self.peaks(values), peaks[[0, -1]], strict=True))
             if excess <= 1.0:
                 return values
@@ -359,7 +359,7 @@ class _Search:
         z, low, high = np.log(np.array(rows)).T
         return z, low, high
 
-    def _named(self, values: Matrix) -> dict[str, float]:
+    def _name(self, values: Matrix) -> dict[str, float]:
         names = [name for own in self._structure.own for name in own]
         return dict(zip([*names, *self._structure.shared], values.tolist(), strict=True))
 

@@ -50,7 +50,7 @@ def solve_loop_shaping(design: Design, problem: Interconnection, *, crossover: f
     rise = Lti(A=-design.leak * one, B=one, C=(_CORNER * crossover - design.leak) * one, D=one)
     found = []
     for axis in range(problem.n_con):
-        G = plant.subsystem([axis], [axis]).connected()
+        G = plant.subsystem([axis], [axis]).drop_unconnected()
         reached = float(abs(series(rise, G).response(np.array([crossover]))[0, 0, 0]))
         found.append(ncfsyn(G, series(rise, gain(one / reached)), backoff=design.backoff))
     worst = max(found, key=lambda shaped: shaped.norm)

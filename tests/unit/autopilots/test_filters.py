@@ -22,7 +22,7 @@ def response(filtered: AxisLaw) -> NDArray[np.complex128]:
 def law_of(biquad: Biquad) -> AxisLaw:
     """Return the law that filters the gyro."""
     loop = AxisLoop(1.0 / RATE)
-    return loop.law(loop.filtered(loop.rate, biquad), loop.reference, None, loop.order)
+    return loop.law(loop.apply_filter(loop.rate, biquad), loop.reference, None, loop.order)
 
 
 def test_the_low_pass_is_scipys_butterworth() -> None:
@@ -69,7 +69,7 @@ def test_the_attitude_is_that_of_the_sample_before() -> None:
 
 def test_states_beyond_those_there_are_do_nothing() -> None:
     loop = AxisLoop(1.0 / RATE)
-    smooth = loop.filtered(loop.rate, butterworth(40.0, RATE))
+    smooth = loop.apply_filter(loop.rate, butterworth(40.0, RATE))
     own, padded = (loop.law(smooth, loop.reference - loop.attitude, 3.0, n) for n in (loop.order, 9))
     np.testing.assert_allclose(response(padded), response(own), rtol=1e-10)
     assert padded.A.shape == (9, 9)

@@ -101,7 +101,7 @@ def test_a_step_that_hangs_is_interrupted_even_if_it_catches_errors(entry, monke
     hanging = make_stepper(
         entry("import time\n        try:\n            time.sleep(60)\n        except Exception: pass"), VEHICLE
     )
-    with pytest.raises(StepError, match=r"longer than 0\.05 s") as caught, hanging.limited():
+    with pytest.raises(StepError, match=r"longer than 0\.05 s") as caught, hanging.limit_time():
         hanging.step(*INPUTS)
     assert caught.value.fault is StepFault.HUNG
 
@@ -109,7 +109,7 @@ def test_a_step_that_hangs_is_interrupted_even_if_it_catches_errors(entry, monke
 def test_a_controller_is_not_blamed_for_time_between_its_steps(entry, monkeypatch):
     monkeypatch.setattr(stepper, "STEP_LIMIT_S", 0.02)
     quick = make_stepper(entry(), VEHICLE)
-    with quick.limited():
+    with quick.limit_time():
         quick.step(*INPUTS)
         time.sleep(0.1)
 

@@ -99,7 +99,7 @@ def strapdown_box(
 def _first_offset(
     system: LoopSystem, norms: list[AxisNorms], case: Case, box: Box, samples: int, steps: int
 ) -> tuple[int, Offset]:
-    """Return the offset from the first of some doubled numbers of samples that bounds it, and this number."""
+    """Return how many samples must be simulated to bound the offset, doubled from `samples`, and the bounds."""
     while True:
         try:
             return samples, bound_offset(system, norms, case, box, samples=samples, steps=steps)

@@ -214,9 +214,9 @@ def _demand(system: LoopSystem, axis: int) -> tuple[Array, float]:
 
 
 def sample_map(system: LoopSystem, axis: int, inverse_lag: float) -> tuple[tuple[float, ...], ...]:
-    """Return rate, torque, command and angle of an axis, for a unit inertia, after a sample by the same before it.
+    """Return the map over one sample of an axis of unit inertia, on its rate, torque, held command and angle.
 
-    The exponential series in rational numbers; each entry is the double nearest to it. The angle integrates the rate.
+    The angle integrates the rate. Each entry is the double nearest to the exponential series in rational numbers.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def levelled_norms(system: LoopSystem, axis: int, samples: int) -> LevelledNorms
 
 
 def _make_loop(system: LoopSystem, axis: int) -> _Loop:
-    """Return the loop of an axis with its angle."""
+    """Return the closed loop of one axis over a sample, with its true angle as the last state."""
     if system.tilt is None:
         raise Refusal("the law reads no tilt")
     h, inverse = float(system.dt), 1.0 / float(system.inertia[axis])

@@ -148,7 +148,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         raise Refusal(
             f"law '{law['name']}' is scheduled on attitude and rates, the proof is about laws without schedule"
         )
-    law, levelled = _arranged(law), len(law["D"][0]) == _LEVELLED
+    law, levelled = _sort_states_by_axis(law), len(law["D"][0]) == _LEVELLED
     n = len(law["A"])
     columns = {len(row) for name in "BD" for row in law[name]}
     if columns != {_LEVELLED if levelled else 6}:
@@ -202,7 +202,7 @@ def _read_tilt(law: dict[str, Any], vehicle: dict[str, Any], matrices: list[Rows
     return Tilt(*matrices)
 
 
-def _arranged(law: dict[str, Any]) -> dict[str, Any]:
+def _sort_states_by_axis(law: dict[str, Any]) -> dict[str, Any]:
     """Return a law that reads tilt with its states in turn by axis: roll, pitch, yaw, as all others have them.
 
     An axis of fewer states gets some that stay 0. A state belongs to the axis that it commands or reads.

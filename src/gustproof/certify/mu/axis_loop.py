@@ -65,7 +65,7 @@ class AxisLoop:
     @property
     def held_gain(self) -> float:
         """[s] b, rate times inertia per torque held over a sample."""
-        return _held(self.rate_damping, self.dt)
+        return _hold(self.rate_damping, self.dt)
 
     @cached_property
     def in_floats(self) -> Matrix:
@@ -147,8 +147,8 @@ def axis_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> Axis
     below = _multiply(_power((Fraction(1), Fraction(1)), late), (lost, 2 - lost))
     above = _power((Fraction(1), Fraction(-1)), late + 1)
     return AxisLoop(
-        denominator=_rounded(_multiply(_bilinear(denominator, n), below)),
-        numerator=_rounded(_multiply(_bilinear(numerator, n), above)),
+        denominator=_round(_multiply(_bilinear(denominator, n), below)),
+        numerator=_round(_multiply(_bilinear(numerator, n), above)),
         controller=Lti(
             A=A.astype(np.float64),
             B=B[:, None].astype(np.float64),
@@ -232,7 +232,7 @@ def _bilinear(p: Polynomial, n: int) -> Polynomial:
     return tuple(Fraction(x, q) for x in total)
 
 
-def _rounded(p: Polynomial) -> Polynomial:
+def _round(p: Polynomial) -> Polynomial:
     """Return the coefficients with `_BITS` binary digits."""
     result = []
     for coefficient in p:
@@ -282,5 +282,5 @@ def _is_hurwitz(p: Polynomial) -> bool:
     return upper[0] > 0
 
 
-def _held(damping: float, dt: float) -> float:
+def _hold(damping: float, dt: float) -> float:
     return -math.expm1(-damping * dt) / damping if damping else dt

@@ -102,7 +102,7 @@ def load_mat(path: Path) -> Law:
     import scipy.io
 
     try:
-        file: Any = BytesIO(_unpacked(read_bytes(path, TEXT)))
+        file: Any = BytesIO(_unpack(read_bytes(path, TEXT)))
         for name, shape, kind in scipy.io.whosmat(file):
             if name in _IN_MAT and (kind not in _CLASSES or math.prod(shape) > TEXT):
                 raise ValueError(f"{name} is {' x '.join(map(str, shape))} of {kind}")
@@ -115,7 +115,7 @@ def load_mat(path: Path) -> Law:
     return _build_law(path, content, {name: values[0].item() for name, values in metadata.items() if len(values)})
 
 
-def _unpacked(content: bytes) -> bytes:
+def _unpack(content: bytes) -> bytes:
     """Return a MATLAB file of level 5 with all elements decompressed; any other unchanged.
 
     Raises

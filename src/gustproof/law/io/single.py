@@ -76,9 +76,9 @@ class SingleLaw:
             U, V = (none[:, :3], np.zeros((n, 3))) if limit is None else (limit.U, limit.V)
             P, Q, turned = none[:, :0], V[:, :0], over[:0]
             if law.schedule is not None:
-                P, Q, turned = law.schedule.P, law.schedule.Q, _turned(law.schedule, x[:n], y)
+                P, Q, turned = law.schedule.P, law.schedule.Q, _solve_schedule(law.schedule, x[:n], y)
             u = _sums(np.hstack([law.C, law.D, none, U, P]), [*x[:n], *y, *none[0].astype(_F), *over, *turned])
-            command = _limited(u, law.limits.astype(_F))
+            command = _limit(u, law.limits.astype(_F))
             rates = euler_excess(x) if law.is_scheduled else np.zeros(3, dtype=_F)
             values = [*x[:n], *y, *rates, *(command - u), *over, *turned]
             matrix = np.hstack([self.A, law.B, law.G, law.H, V, Q])
@@ -86,10 +86,10 @@ class SingleLaw:
             for k, i in enumerate(self.wide):
                 after[i], after[n + k] = _wide_sum(matrix[i], values, i, x[n + k], exact=n + 6)
             if law.has_kinematics and abs(x[1]) > _F(STEEP):
-                after[:3] += self._turned(x) - _F(law.dt) * (x[3:6] + rates)
+                after[:3] += self._turn_angles(x) - _F(law.dt) * (x[3:6] + rates)
         return after, command
 
-    def _turned(self, x: Array) -> Array:
+    def _turn_angles(self, x: Array) -> Array:
         """Return how far (3,) [rad] a sample at the estimated rates turns the angles, by the exact rotation."""
         a, b, c = _F(0.5) * _F(self.law.dt) * x[3:6]
         (sin_phi, cos_phi), (sin_theta, cos_theta) = _sin_cos(_F(0.5) * x[0]), _sin_cos(_F(0.5) * x[1])
@@ -163,8 +163,8 @@ def _sin_cos(x: np.float32) -> tuple[np.float32, np.float32]:
 
 
 def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:
-    p, q, r = _limited(s, limits)
-    beyond = x[:2] - _limited(x[:2], angles[:2])
+    p, q, r = _limit(s, limits)
+    beyond = x[:2] - _limit(x[:2], angles[:2])
     (sin_phi, flat_phi), (sin_theta, flat_theta) = sin_versine(beyond[0]), sin_versine(beyond[1])
     cos_phi, across = _F(1.0) - flat_phi, (_F(1.0) - flat_theta) * r
     return np.array(
@@ -177,7 +177,7 @@ def _rate_excess(x: Array, s: Array, limits: Array, angles: Array) -> Array:
     )
 
 
-def _turned(schedule: Schedule, x: Array, y: Array) -> Array:
+def _solve_schedule(schedule: Schedule, x: Array, y: Array) -> Array:
     """Return the outputs of a schedule, by elimination without pivots."""
     k = len(schedule.parameters)
     sources = dict(zip((*ANGLES, *BODY_RATES), (x[0], x[1], *y[:3]), strict=True))
@@ -206,7 +206,7 @@ def _floor(x: Any) -> Any:
     return np.floor(x)
 
 
-def _limited(value: Array, limit: Array) -> Array:
+def _limit(value: Array, limit: Array) -> Array:
     return np.where(value < -limit, -limit, np.where(value > limit, limit, value))
 
 

@@ -42,7 +42,7 @@ def solve_or_regularize(
         refusal = fault
     units = find_units(plant, *sizes)
     scaled = units.apply(plant, *sizes)
-    return _regularize(lambda weight: solve(regularized(scaled, *sizes, weight), units), level_of, refusal)
+    return _regularize(lambda weight: solve(add_small_weights(scaled, *sizes, weight), units), level_of, refusal)
 
 
 def _regularize(
@@ -93,7 +93,7 @@ def _remaining(levels: list[float]) -> float:
     return max(last * last / (first - last), rounding) if first > last else np.inf
 
 
-def regularized(P: Lti, n_meas: int, n_con: int, weight: float) -> Lti:
+def add_small_weights(P: Lti, n_meas: int, n_con: int, weight: float) -> Lti:
     """Return the plant with weighted states and controls added to z, and noise on both states and measurements to w."""
     n, p1, m1 = P.order, P.n_outputs - n_meas, P.n_inputs - n_con
     x, u, y = (weight * np.eye(size) for size in (n, n_con, n_meas))

@@ -237,10 +237,10 @@ class _GridDesign:
         """Return the checked controller."""
         control = basis if speeds is not None else _constant
         bases = control if is_measured else _constant, control
-        _, matrices = Inequalities(self._transformed(), *bases, speeds).least_level()
+        _, matrices = Inequalities(self._transform(), *bases, speeds).least_level()
         X, Y = (np.mean([matrices.at(rho)[k] for rho in self.points], axis=0) for k in range(2))
         self.T = self.T @ balancing(X, Y)
-        inequalities = Inequalities(self._transformed(), *bases, speeds)
+        inequalities = Inequalities(self._transform(), *bases, speeds)
         least, _ = inequalities.least_level(tried=1)
         level = backoff * least
         matrices = inequalities.matrices(level, 1.0 + _SPREAD * (backoff - 1.0))
@@ -271,7 +271,7 @@ class _GridDesign:
             _at=lambda rho, drho: self._controller(matrices, rho, drho, level),
         )
 
-    def _transformed(self) -> dict[Point, Plant]:
+    def _transform(self) -> dict[Point, Plant]:
         return {rho: transform(plant, self.T) for rho, plant in self.parts.items()}
 
     def _model(self, rho: Point) -> Lti:

@@ -101,7 +101,7 @@ def ucover(models: Sequence[LinearSystem], nominal: LinearSystem, order: int, *,
     checked = _distance(continuous, fine, form)
     size = np.exp(weight.log_response(fine).real)
     factor = max(1.0, float(np.max(checked / size)))
-    system = _in_time_of(centre, _scaled(weight, factor))
+    system = _in_time_of(centre, _scale(weight, factor))
     close = checked >= 0.99 * np.max(checked)
     warped = 2.0 / centre.dt * np.arctan(0.5 * centre.dt * fine) if centre.dt else fine
     return Cover(
@@ -149,12 +149,12 @@ def _distance(models: list[Lti], omega: Matrix, form: Form) -> Matrix:
     if form == "output":
         centre, off = centre.swapaxes(1, 2), [part.swapaxes(1, 2) for part in off]
     if form != "additive":
-        off = [_divided(centre, part) for part in off]
+        off = [_divide(centre, part) for part in off]
     distances = [np.linalg.norm(part, 2, axis=(1, 2)) for part in off]
     return np.asarray(np.max(distances, axis=0), dtype=np.float64)
 
 
-def _divided(centre: ComplexMatrix, off: ComplexMatrix) -> ComplexMatrix:
+def _divide(centre: ComplexMatrix, off: ComplexMatrix) -> ComplexMatrix:
     """Return E with `centre E = off`, (k, m, m), or raise an error if there is none."""
     E = np.asarray(np.linalg.pinv(centre, rcond=1e-12) @ off)
     missed = np.linalg.norm(centre @ E - off, axis=(1, 2))
@@ -176,7 +176,7 @@ def _fit_from_above(omega: Matrix, distance: Matrix, order: int) -> MinimumPhase
         lift = max(float(np.max(below)), 0.0)
         cost = float(np.mean(np.exp(goal) * np.exp(lift - below)) / np.mean(np.exp(goal))) * np.exp(lift)
         if best is None or cost < least:
-            best, least = _lifted(weight, lift), cost
+            best, least = _lift(weight, lift), cost
         if lift <= 1e-3:
             break
         wanted = wanted + 0.5 * np.maximum(below, 0.0)
@@ -184,14 +184,14 @@ def _fit_from_above(omega: Matrix, distance: Matrix, order: int) -> MinimumPhase
     return best
 
 
-def _lifted(weight: MinimumPhase, lift: float) -> MinimumPhase:
+def _lift(weight: MinimumPhase, lift: float) -> MinimumPhase:
     theta = weight.theta.copy()
     theta[-1] += lift
     return MinimumPhase(order=weight.order, theta=theta)
 
 
-def _scaled(weight: MinimumPhase, factor: float) -> Lti:
-    return _lifted(weight, float(np.log(factor))).system()
+def _scale(weight: MinimumPhase, factor: float) -> Lti:
+    return _lift(weight, float(np.log(factor))).system()
 
 
 def _in_time_of(centre: Lti, weight: Lti) -> Lti:
