@@ -68,7 +68,7 @@ def raise_ill_posed(*_arguments: object) -> None:
 )
 def test_hinfsyn_names_the_condition_that_fails_at_a_level(monkeypatch, gamma, condition):
     monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: (0.5, True))
-    with pytest.raises(DesignError, match=f"no controller at gamma = {gamma:g}: {condition}"):
+    with pytest.raises(DesignError, match=f"rounding spoilt the controller at gamma = {gamma:g}: {condition}"):
         hinfsyn(PLANT, 1, 1, gamma=gamma)
 
 
@@ -130,14 +130,30 @@ def test_ncfsyn_names_a_plant_that_overflows():
         ncfsyn(Lti(A=[[1e300]], B=[[1.0]], C=[[1.0]], D=[[0.0]]))
 
 
-@pytest.mark.parametrize(
-    ("zero", "told"), [(4.0, r"the loop is not well posed: I \+ D_K D22"), (-2.0, r"R - gamma\^2 J is singular")]
-)
-def test_hinfsyn_names_what_is_singular_where_the_controller_undoes_the_plant(zero, told):
+@pytest.mark.parametrize("zero", [4.0, -2.0])
+def test_hinfsyn_names_the_feedthrough_by_which_the_controller_undoes_the_plant(zero):
     """The direct path of the least level is -2, and I + D_K D22 = 1 - 2 / 2. With stable zeros that level is 0."""
     plant = Lti(A=[[1.0]], B=[[1.0 - zero, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.5]])
-    with pytest.raises(DesignError, match=told):
+    with pytest.raises(DesignError, match=r"the loop is not well posed: I \+ D_K D22"):
         hinfsyn(plant, 1, 1)
+
+
+def test_hinfsyn_solves_a_plant_whose_least_level_is_zero():
+    """At some levels that the search tries, R - gamma^2 J is singular: those are too low."""
+    plant = Lti(A=[[1.0]], B=[[3.0, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.0]])
+    result = hinfsyn(plant, 1, 1)
+    assert result.norm < result.gamma < 1e-5
+
+
+def test_a_level_that_is_not_rounding_is_taken_where_the_least_one_is(monkeypatch):
+    """Of a plant whose level is 0 rounding finds some level; here each one below 1e-6 of the plant's size fails."""
+    plant = Lti(A=[[1.0]], B=[[3.0, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.0]])
+    norm = hinf.loop_norm
+    spoilt = iter([True] * 4)
+    monkeypatch.setattr(
+        hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
+    )
+    assert hinfsyn(plant, 1, 1).gamma == pytest.approx(9e-6, rel=1e-12)
 
 
 def test_blocks_and_goals_name_what_does_not_fit():

@@ -1,7 +1,6 @@
 """H-infinity synthesis by two Riccati equations: the least level, and the central controller at a stated one."""
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -107,7 +106,7 @@ def hinfsyn(
         [-] level to design for; `None` for `backoff` times the least.
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used. If rounding spoils
-        the controller, up to a hundredth more is taken.
+        the controller, up to a hundredth more is taken, or 1e-6 of the size of P if the least level is below that.
     regularize
         True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
         on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
@@ -150,10 +149,6 @@ def hinfsyn(
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 
 
-class _SpoiltError(DesignError):
-    """Rounding spoilt a controller."""
-
-
 class _Design(NamedTuple):
     """A plant, as it was given, and the demands on its controller."""
 
@@ -177,31 +172,45 @@ class _Design(NamedTuple):
     def _solve_image(self, image: Lti, units: Units) -> HinfResult:
         """Return the checked controller of an image of the plant in `units`."""
         return solve_in_best_units(
-            image, self.n_meas, self.n_con, lambda scaled, more: self._solve_or_higher(scaled, units * more)
+            image, self.n_meas, self.n_con, lambda scaled, more: self._solve(scaled, units * more)
         )
 
-    def _solve_or_higher(self, image: Lti, units: Units) -> HinfResult:
-        """Return the checked controller at the level, or a little above if rounding spoilt that and none was given."""
-        for factor in (1.0, *_HIGHER) if self.gamma is None else ():
-            with suppress(_SpoiltError):
-                return self._replace(backoff=factor * self.backoff)._solve(image, units)
-        return self._solve(image, units)
-
     def _solve(self, image: Lti, units: Units) -> HinfResult:
-        """Return the central controller, with the norm of the loop that it closes; raise if its level is exceeded.
+        """Return the checked controller at the first level at which rounding does not spoil it."""
+        problem = normalize(image, self.n_meas, self.n_con)
+        halves = _riccati_halves(problem)
+        gamma_opt = _checked_least_level(problem, halves)
+        if self.gamma is not None and self.gamma <= gamma_opt:
+            raise DesignError(f"no controller at gamma = {self.gamma:.6g}: the least level is {gamma_opt:.6g}")
+        refusals: list[DesignError] = []
+        for level in self._levels(gamma_opt, problem.size):
+            try:
+                solution = _require_controller(_solve(halves, level))
+                K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
+                return self._checked(K, units, gamma_opt, level, solution)
+            except (DesignError, ValueError) as failure:
+                spoilt = f"rounding spoilt the controller at gamma = {level:.6g}: {failure}"
+                refusals.append(DesignError(spoilt))
+        raise refusals[0]
+
+    def _levels(self, gamma_opt: float, size: float) -> list[float]:
+        """Return levels to try, in order.
+
+        A least level that is nearly 0 for a plant of this `size` may be rounding; the last one tried is not.
+        """
+        if self.gamma is not None:
+            return [self.gamma]
+        levels = [factor * self.backoff * gamma_opt for factor in (1.0, *_HIGHER)]
+        return [*levels, *(level for level in (_NEAR_ZERO * size,) if level > levels[-1])]
+
+    def _checked(self, K: Lti, units: Units, gamma_opt: float, level: float, solution: _Solution) -> HinfResult:
+        """Return a controller with the norm of the loop that it closes; raise if its level is exceeded.
 
         The units of the loop change neither its norm nor, being powers of two, a digit of it.
         """
-        problem = normalize(image, self.n_meas, self.n_con)
-        gamma_opt, level, solution = self._solve_equations(problem)
-        K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
-        spoilt = f"rounding spoilt the controller at gamma = {level:.6g}"
-        try:
-            peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
-        except ValueError as failure:
-            raise _SpoiltError(f"{spoilt}: {failure}") from None
+        peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
         if not peak.gain < level:
-            raise _SpoiltError(f"{spoilt}: its norm is {peak.gain:.6g}")
+            raise DesignError(f"its norm is {peak.gain:.6g}")
         back = units.x[:, None] * units.x
         return HinfResult(
             controller=units.restore(K),
@@ -215,26 +224,22 @@ class _Design(NamedTuple):
             norm_error=error,
         )
 
-    def _solve_equations(self, problem: NormalizedPlant) -> tuple[float, float, _Solution]:
-        """Return the least level, the level to design for and the solutions there."""
-        A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
-        halves = (
-            riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
-            riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
-        )
-        floor = problem.floor
-        gamma_opt, is_crossed = _least_level(halves, floor)
-        level = self.backoff * gamma_opt if self.gamma is None else self.gamma
-        if level <= gamma_opt:
-            raise DesignError(f"no controller at gamma = {level:.6g}: the least level is {gamma_opt:.6g}")
-        if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:
-            _require_clear_boundary(halves, gamma_opt, floor)
-        solution = _solve(halves, level)
-        if not solution.definite:
-            raise DesignError(f"no controller at gamma = {level:.6g}: a Riccati solution is not positive semidefinite")
-        if solution.margin <= 0.0:
-            raise DesignError(f"no controller at gamma = {level:.6g}: the spectral radius of XY is not below gamma^2")
-        return gamma_opt, level, solution
+
+def _riccati_halves(problem: NormalizedPlant) -> tuple[RiccatiData, RiccatiData]:
+    """Return the data of the control and the filter Riccati equation."""
+    A, B, C, D, m1, p1 = problem.A, problem.B, problem.C, problem.D, problem.m1, problem.p1
+    return (
+        riccati_data(A, B, C[:p1], D[:p1], m1, problem.control_zeros),
+        riccati_data(A.T, C.T, B[:, :m1].T, D[:, :m1].T, p1, problem.filter_zeros),
+    )
+
+
+def _checked_least_level(problem: NormalizedPlant, halves: tuple[RiccatiData, RiccatiData]) -> float:
+    """Return the least level; raise if rounding hides it."""
+    gamma_opt, is_crossed = _least_level(halves, problem.floor)
+    if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:
+        _require_clear_boundary(halves, gamma_opt, problem.floor)
+    return gamma_opt
 
 
 def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, bool]:
@@ -335,6 +340,15 @@ def _solve(halves: tuple[RiccatiData, RiccatiData], gamma: float) -> _Solution:
     if not definite and margin > 0.0:
         margin = -np.inf
     return _Solution(X=X, Y=Y, F=F, L=Lt.T, definite=definite, margin=margin)
+
+
+def _require_controller(solution: _Solution) -> _Solution:
+    """Return the solutions if they make a controller; raise otherwise."""
+    if not solution.definite:
+        raise DesignError("a Riccati solution is not positive semidefinite")
+    if solution.margin <= 0.0:
+        raise DesignError("the spectral radius of XY is not below gamma^2")
+    return solution
 
 
 def _central_controller(problem: NormalizedPlant, solution: _Solution, gamma: float) -> Lti:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg.lapack import dgesv, dpotrf
 
 from gustproof.errors import DesignError
-from gustproof.lti.riccati import RiccatiError, stabilizing_solution
+from gustproof.lti.riccati import stabilizing_solution
 from gustproof.lti.state_space import Matrix, largest_gain
 from gustproof.synthesis.hinf.axis_zeros import AxisZeros, add_growing
 
@@ -87,18 +87,13 @@ def solve_riccati(half: RiccatiData, gamma: float) -> tuple[Matrix, Matrix, bool
     Raises
     ------
     DesignError
-        If there is no stabilising solution.
-    numpy.linalg.LinAlgError
-        If `gamma` is a singular value of the part of D11 that no control affects.
+        If there is no stabilising solution, or `gamma` is a singular value of the part of D11 that no control affects.
     """
     feedback, n = _feedback(half, gamma), half.A.shape[0]
     if half.zeros.rest.shape[1] < n:
         X, definite = _solve_quotient(half, gamma, feedback)
     else:
-        try:
-            X = stabilizing_solution(_hamiltonian(half, feedback))
-        except RiccatiError as error:
-            raise DesignError(f"no controller at gamma = {gamma:.6g}: {error}") from error
+        X = stabilizing_solution(_hamiltonian(half, feedback))
         definite = _is_semidefinite(X, half)
     return X, -(feedback[:, :n] + feedback[:, n:] @ X), definite
 
@@ -138,7 +133,7 @@ def _feedback(half: RiccatiData, gamma: float) -> Matrix:
     """Return `R^-1 [S, B^T]` at a level, (m1 + m2, 2n)."""
     _, _, solved, singular = dgesv(half.R - gamma**2 * half.J, half.SB)
     if singular:
-        raise np.linalg.LinAlgError("R - gamma^2 J is singular")
+        raise DesignError("R - gamma^2 J is singular")
     return np.asarray(solved, dtype=np.float64)
 
 
