@@ -12,6 +12,8 @@ from gustproof.performance.covariance import axis_models, axis_performance, pool
 from gustproof.synthesis.pid.indi import IndiGains, indi_axis
 
 DT = 0.004
+OMEGA = np.geomspace(0.5, 700.0, 30)
+"""[rad/s] at which laws are compared."""
 NAMES = ["geometric", "geometric_lead", "rotor_indi", "mpc", "policy"]
 
 
@@ -23,10 +25,11 @@ def make(name, vehicle):
 
 
 def axis_laws(name, vehicle):
-    """Return the linear structure of each axis with the shipped gains."""
+    """Return the linear structure of each axis with the shipped gains, or with those tuned for another vehicle."""
     J, lag, damping = vehicle.inertia_B, vehicle.actuator_lag, vehicle.rate_damping_B
     if name.startswith("geometric"):
-        gains = find_gains(name, vehicle, geometric.tune_geometric, geometric.GeometricGains)
+        tune = geometric_lead.tune_lead if name == "geometric_lead" else geometric.tune_geometric
+        gains = find_gains(name, vehicle, tune, geometric.GeometricGains)
         return [geometric.geometric_axis(g, j, DT) for g, j in zip(gains, J, strict=True)]
     if name == "rotor_indi":
         gains = find_gains(name, vehicle, rotor_indi.tune_rotor_indi, IndiGains)
@@ -59,12 +62,16 @@ def test_near_level_an_entry_is_the_structure_that_is_tuned(name, vehicle):
         assert found == pytest.approx(expected, rel=1e-4, abs=1e-4 * max(map(abs, expected)))
 
 
+def performances(name, vehicle):
+    models = axis_models(vehicle, tuning_scenario())
+    return [axis_performance(model, law) for model, law in zip(models, axis_laws(name, vehicle), strict=True)]
+
+
 @pytest.mark.parametrize("vehicle", ["paper", "iris"])
 @pytest.mark.parametrize("name", NAMES)
 def test_shipped_gains_keep_the_price(name, vehicle):
     vehicle = load_vehicle(vehicle)
-    models, limits = axis_models(vehicle, tuning_scenario()), tuning_limits(vehicle)
-    found = [axis_performance(model, law) for model, law in zip(models, axis_laws(name, vehicle), strict=True)]
+    found, limits = performances(name, vehicle), tuning_limits(vehicle)
     rmse, slew = pool_axes(found)
     assert max(axis.sensitivity_peak for axis in found) <= limits.sensitivity_peak
     assert slew <= limits.slew * (1.0 + 1e-6)
@@ -112,25 +119,18 @@ def test_a_drawn_vehicle_is_flown_by_the_nominal_entry():
     assert design_vehicle(mine) is mine
 
 
-def _lists(gains):
-    return [[getattr(axis, name) for name in axis.__slots__] for axis in gains]
-
-
-TUNERS = {
-    "geometric": (geometric.tune_geometric, geometric.GeometricGains),
-    "geometric_lead": (geometric_lead.tune_lead, geometric.GeometricGains),
-    "rotor_indi": (rotor_indi.tune_rotor_indi, IndiGains),
-    "mpc": (mpc.tune_mpc, mpc.MpcGains),
-}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TUNERS)
+@pytest.mark.parametrize("name", ["geometric", "geometric_lead", "rotor_indi", "mpc"])
 def test_another_vehicle_is_tuned_like_the_shipped(name):
-    tune, kind = TUNERS[name]
+    """Some gains hardly act, as the integral of geometric_lead's yaw or mpc's trust in its torque: rounding sets them.
+
+    So laws are compared, not their gains.
+    """
     iris = load_vehicle("iris")
-    tuned = find_gains(name, replace(iris, name="mine"), tune, kind)
-    shipped = find_gains(name, iris, tune, kind)
-    model = axis_models(iris, tuning_scenario())[2]
-    assert model.samples == 15000
-    assert np.array(_lists(tuned)) == pytest.approx(np.array(_lists(shipped)), rel=1e-3)
+    mine = replace(iris, name="mine")
+    for tuned, shipped in zip(axis_laws(name, mine), axis_laws(name, iris), strict=True):
+        response = shipped.controller(DT).response(OMEGA)
+        assert tuned.controller(DT).response(OMEGA) == pytest.approx(response, rel=1e-3)
+    tuned, shipped = performances(name, mine), performances(name, iris)
+    assert [axis.sensitivity_peak for axis in tuned] == pytest.approx([p.sensitivity_peak for p in shipped], rel=1e-4)
+    assert pool_axes(tuned) == pytest.approx(pool_axes(shipped), rel=1e-5)

@@ -19,8 +19,9 @@ from gustproof.baselines.policy import (
     teacher_gains,
     train_policy,
 )
-from gustproof.baselines.tuned_gains import DATA
+from gustproof.baselines.tuned_gains import DATA, tuning_limits, tuning_models
 from gustproof.errors import DesignError
+from gustproof.performance.covariance import axis_performance, pool_axes
 
 DT, LEVEL = 0.004, (0.0, 0.0, 0.0)
 DIGEST = "f38a7a06c26dbc8e2f1e4ecff73447ea443b2f9753f308bc2f7b00540afe8f16"
@@ -125,6 +126,20 @@ def test_weights_beyond_the_price_are_refused():
 
 @pytest.mark.slow
 def test_shipped_weights_are_trained_again():
+    """Evolution follows the edge of the price, where rounding decides which of two steps is taken.
+
+    So other machines find other weights: at the same price, their errors differ by .3 %.
+    """
     vehicle = load_vehicle("iris")
-    found = train_policy(vehicle)
-    assert found.gains == pytest.approx(load_weights("iris").gains, rel=0.02, abs=0.02)
+    units, limits = policy_units(vehicle, find_lead(vehicle)), tuning_limits(vehicle)
+    models = [nominal for nominal, *_ in tuning_models(vehicle)]
+
+    def performances(weights):
+        gains = weights.gains * units.inputs * units.torque[:, None]
+        laws = [policy_axis(own, lead, DT) for own, lead in zip(gains, units.lead.tolist(), strict=True)]
+        return [axis_performance(model, law) for model, law in zip(models, laws, strict=True)]
+
+    trained, shipped = performances(train_policy(vehicle)), performances(load_weights("iris"))
+    assert max(axis.sensitivity_peak for axis in trained) <= limits.sensitivity_peak
+    assert pool_axes(trained)[1] <= limits.slew * (1.0 + 1e-6)
+    assert pool_axes(trained)[0] == pytest.approx(pool_axes(shipped)[0], rel=0.01)
