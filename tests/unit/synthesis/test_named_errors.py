@@ -82,6 +82,7 @@ def test_hinfsyn_gives_up_where_no_level_is_feasible(monkeypatch):
     ("norm", "told"),
     [
         (lambda *_loop: (Peak(gain=9.0, omega=1.0), 0.0), "rounding spoilt the controller at gamma = 3: its norm is 9"),
+        (lambda *_loop: (Peak(gain=2.9, omega=1.0), 0.2), r"at gamma = 3: its norm is 2\.9 \+- 0\.2"),
         (raise_ill_posed, "rounding spoilt the controller at gamma = 3: the loop is not well posed"),
     ],
 )
@@ -98,6 +99,14 @@ def test_a_level_a_little_higher_is_taken_where_rounding_spoils_the_controller(m
         hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
     )
     assert hinfsyn(PLANT, 1, 1).gamma == pytest.approx(1.003 * level, rel=1e-12)
+
+
+def test_hinfsyn_tells_no_level_that_other_coordinates_move(monkeypatch):
+    monkeypatch.setattr(hinf, "loop_norm", lambda *_loop: (Peak(gain=9.0, omega=1.0), 0.0))
+    levels = iter([2.75, 2.76])
+    monkeypatch.setattr(hinf, "_least_level", lambda _halves, _floor: (next(levels), True))
+    with pytest.raises(DesignError, match=r"the least level cannot be told: rounding makes it 2\.75 or 2\.76"):
+        hinfsyn(PLANT, 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +158,7 @@ def test_a_level_that_is_not_rounding_is_taken_where_the_least_one_is(monkeypatc
     """Of a plant whose level is 0 rounding finds some level; here each one below 1e-6 of the plant's size fails."""
     plant = Lti(A=[[1.0]], B=[[3.0, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.0]])
     norm = hinf.loop_norm
-    spoilt = iter([True] * 4)
+    spoilt = iter([True] * 8)
     monkeypatch.setattr(
         hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
     )

@@ -21,8 +21,9 @@ _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
 _TOLD = 5e-5
 """[-] relative distance below the least level at which it must be clear that there is no controller."""
-_HIGHER = (1.001, 1.003, 1.01)
-"""[-] factors on the backoff that are tried where rounding spoilt a controller: a level nearby may be spared."""
+_HIGHER = (1.001, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)
+"""[-] factors on the backoff that are tried where rounding spoilt a controller: a level nearby may be spared, and
+controllers of higher levels stand more of it."""
 _NEAR_ZERO = 1e-6
 """[-] part of the size of P below which a least level is 0 or rounding."""
 _SMALLEST_LEVEL = 1e-30
@@ -106,7 +107,7 @@ def hinfsyn(
         [-] level to design for; `None` for `backoff` times the least.
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used. If rounding spoils
-        the controller, up to a hundredth more is taken, or 1e-6 of the size of P if the least level is below that.
+        the controller, up to twice as much is taken, or 1e-6 of the size of P if the least level is below that.
     regularize
         True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
         on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by
@@ -180,10 +181,13 @@ class _Design(NamedTuple):
         problem = normalize(image, self.n_meas, self.n_con)
         halves = _riccati_halves(problem)
         gamma_opt = _checked_least_level(problem, halves)
+        is_zero = gamma_opt <= _NEAR_ZERO * problem.size
         if self.gamma is not None and self.gamma <= gamma_opt:
             raise DesignError(f"no controller at gamma = {self.gamma:.6g}: the least level is {gamma_opt:.6g}")
         refusals: list[DesignError] = []
         for level in self._levels(gamma_opt, problem.size):
+            if len(refusals) == 1 and not is_zero:
+                _require_same_level(image, self.n_meas, self.n_con, gamma_opt)
             try:
                 solution = _require_controller(_solve(halves, level))
                 K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
@@ -211,6 +215,8 @@ class _Design(NamedTuple):
         peak, error = loop_norm(units.apply(self.plant, self.n_meas, self.n_con), K)
         if not peak.gain < level:
             raise DesignError(f"its norm is {peak.gain:.6g}")
+        if not peak.gain + error < level:
+            raise DesignError(f"its norm is {peak.gain:.6g} +- {error:.2g}")
         back = units.x[:, None] * units.x
         return HinfResult(
             controller=units.restore(K),
@@ -240,6 +246,19 @@ def _checked_least_level(problem: NormalizedPlant, halves: tuple[RiccatiData, Ri
     if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:
         _require_clear_boundary(halves, gamma_opt, problem.floor)
     return gamma_opt
+
+
+def _require_same_level(image: Lti, n_meas: int, n_con: int, gamma_opt: float) -> None:
+    """Raise if the least level is another one in other coordinates of the states: then it is rounding.
+
+    They are mirrored at a plane, so that each new state is a sum of all.
+    """
+    v = np.ones((image.order, 1))
+    T = np.eye(image.order) - 2.0 / image.order * v @ v.T
+    problem = normalize(replace(image, A=T @ image.A @ T, B=T @ image.B, C=image.C @ T), n_meas, n_con)
+    other, _ = _least_level(_riccati_halves(problem), problem.floor)
+    if abs(other - gamma_opt) > _TOLD * gamma_opt:
+        raise DesignError(f"the least level cannot be told: rounding makes it {gamma_opt:.6g} or {other:.6g}")
 
 
 def _least_level(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[float, bool]:
@@ -275,7 +294,10 @@ def _bracket(halves: tuple[RiccatiData, RiccatiData], floor: float) -> tuple[flo
     while seen[-1][1] <= 0.0:
         low, high = high, 4.0 * high
         if len(seen) == 60:
-            raise DesignError(f"no controller at any level up to {low:.3g}: the plant is too badly scaled to solve")
+            raise DesignError(
+                f"no controller at any level up to {low:.3g}: for doubles P is too badly scaled, or too near a plant "
+                "that nothing stabilises"
+            )
         seen.append((high, _margin(halves, high)))
     return low, seen
 
