@@ -27,7 +27,7 @@ TOLD = 1e-4
 """Relative error of a least level that is allowed."""
 NEAR_ZERO = 1e-6
 """A level below this part of the gain from w to z is 0 or rounding."""
-BEYOND_DOUBLES = 1e9
+BEYOND_DOUBLES = 5e7
 """A level above this may be refused if the plant is very unstable: doubles then have too few digits of the loop."""
 KINDS = ("generic", "damped", "non-minimal", "scaled", "unstable", "near-axis zero", "singular")
 

@@ -158,7 +158,7 @@ def test_a_level_that_is_not_rounding_is_taken_where_the_least_one_is(monkeypatc
     """Of a plant whose level is 0 rounding finds some level; here each one below 1e-6 of the plant's size fails."""
     plant = Lti(A=[[1.0]], B=[[3.0, 1.0]], C=[[3.0], [1.0]], D=[[2.0, 1.0], [1.0, 0.0]])
     norm = hinf.loop_norm
-    spoilt = iter([True] * 8)
+    spoilt = iter([True] * 9)
     monkeypatch.setattr(
         hinf, "loop_norm", lambda *loop: (Peak(gain=9.0, omega=1.0), 0.0) if next(spoilt, False) else norm(*loop)
     )

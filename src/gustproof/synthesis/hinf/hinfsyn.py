@@ -21,7 +21,7 @@ _RESOLUTION = 1e-7
 """[-] relative width at which the bisection for the least level stops."""
 _TOLD = 5e-5
 """[-] relative distance below the least level at which it must be clear that there is no controller."""
-_HIGHER = (1.001, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)
+_HIGHER = (1.001, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0, 4.0)
 """[-] factors on the backoff that are tried where rounding spoilt a controller: a level nearby may be spared, and
 controllers of higher levels stand more of it."""
 _NEAR_ZERO = 1e-6
@@ -57,7 +57,7 @@ class HinfResult(CheckedController):
     Y: Matrix
     """(n, n) solution of the filter Riccati equation at `gamma`."""
     norm_error: float = 0.0
-    """[-] rounding of `norm`, from two ways to compute the loop's gain at `omega`."""
+    """[-] bound of the rounding of `norm`: what the gain at `omega` moves by if each number of the loop is rounded."""
     regularization: float = 0.0
     """[-] weight of the controls, states and noise added to a singular plant; 0 if there was no need."""
     gamma_excess: float = 0.0
@@ -107,7 +107,7 @@ def hinfsyn(
         [-] level to design for; `None` for `backoff` times the least.
     backoff
         [-] > 1. At the least level itself the controller's poles are unbounded, so it is never used. If rounding spoils
-        the controller, up to twice as much is taken, or 1e-6 of the size of P if the least level is below that.
+        the controller, up to four times as much is taken, or 1e-6 of the size of P if the least level is below that.
     regularize
         True to solve a singular problem: D12 or D21 without full rank, or a zero on the imaginary axis. Small weights
         on controls and states, and small noise on states and measurements, only raise the norm of a loop. They fall by

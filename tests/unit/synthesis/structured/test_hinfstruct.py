@@ -41,7 +41,7 @@ NEAR = 1.005
 """A local search may end this far above the least value known; it may be below."""
 SEED = 2
 """With it one start is enough for most plants, which spares the gate the default five."""
-STARTS = {"NN8": 2, "REA1": 2}
+STARTS = {"DIS4": 2, "NN8": 2, "REA1": 2}
 """Starts for a plant that wants more."""
 SEEDS = {"DIS3": 1}
 """Another seed for a plant that would want more starts with that one."""
