@@ -20,6 +20,11 @@ def transfer(numerator, denominator, dt=0.0) -> Lti:
     return as_lti(control.tf2ss(control.tf(numerator, denominator, dt)))
 
 
+def test_eigenvalues_of_what_is_no_number_are_refused():
+    with pytest.raises(ValueError, match="no number or infinite"):
+        norms.eigenvalues(np.array([[np.nan]]))
+
+
 def test_a_lag_peaks_at_zero_frequency():
     peak = hinf_norm(transfer([6.0], [1.0, 3.0]))
     assert (peak.gain, peak.omega) == (pytest.approx(2.0, rel=TIGHT), 0.0)

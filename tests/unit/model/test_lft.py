@@ -75,6 +75,8 @@ def test_many_values_at_once_are_the_single_ones():
         spring().matrices({})
     with pytest.raises(ValueError, match="unknown parameter 'x'"):
         system.matrices({"x": 0.0})
+    with pytest.raises(ValueError, match="unknown parameter 'x', there are m, k"):
+        system.delta({"x": 0.0})
 
 
 def test_a_loop_around_an_uncertain_plant_is_the_loop_around_each_member():

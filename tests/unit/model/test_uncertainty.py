@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gustproof.model.uncertainty import FullBlock, RealBlock, columns, delta_matrix, rows
+from gustproof.model.uncertainty import FullBlock, RealBlock, Spreads, columns, delta_matrix, rows
 
 OFF_CENTRE = RealBlock(name="k", low=1.0, high=7.0, nominal=2.0, repeats=2)
 FULL = FullBlock(name="F", n_outputs=1, n_inputs=3)
@@ -46,3 +46,9 @@ def test_a_name_left_out_is_nominal_and_a_wrong_one_is_refused():
         delta_matrix((OFF_CENTRE, FULL), {"x": 0.0})
     with pytest.raises(ValueError, match="block 'F' has the shape"):
         delta_matrix((OFF_CENTRE, FULL), {"F": [[1.0, 0.0]]})
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.0, np.nan])
+def test_a_spread_that_reaches_zero_is_refused(value):
+    with pytest.raises(ValueError, match=r"inertia spread is .*, must be in \[0, 1\)"):
+        Spreads(inertia=value)

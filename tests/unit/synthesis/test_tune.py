@@ -98,6 +98,16 @@ def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
         tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
 
 
+def test_a_law_beyond_its_price_is_refused_with_what_it_has():
+    task = make_task(
+        "pid", load_vehicle_set("paper"), AIR, slew=19.9, sensitivity_peak=1.4, progress=lambda _share, _text: None
+    )
+    law = load_law("pid-fair")
+    tune.check_price(task, law, task.limits)
+    with pytest.raises(DesignError, match=r"no pid found at .*peak 1\.1 and slew 19\.9 N m/s: the best had 1\.3"):
+        tune.check_price(task, law, replace(task.limits, sensitivity_peak=1.1))
+
+
 @pytest.mark.slow
 def test_a_price_that_cannot_be_met_is_refused_with_one_that_can(monkeypatch):
     monkeypatch.setattr(tune, "_HALVINGS", 0)  # three more searches, which the test above counts

@@ -96,6 +96,17 @@ def test_a_start_is_found_where_h_infinity_controllers_have_no_finite_bound():
     assert max(members) <= found.upper < 10.0
 
 
+def test_a_start_without_a_finite_mu_is_refused(monkeypatch):
+    """A mu of stability, which helps the other measures, is no other problem than mu itself."""
+
+    def fail(*_arguments):
+        raise DesignError("no start has a finite bound")
+
+    monkeypatch.setattr(module, "_best_start", fail)
+    with pytest.raises(DesignError, match="no start has a finite bound"):
+        musyn(lag(), 1, 1)
+
+
 def test_progress_is_told():
     told = []
     musyn(lag(), 1, 1, measure="l2gain", tolerance=0.5, progress=lambda share, text: told.append((share, text)))
