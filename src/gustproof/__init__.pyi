@@ -63,6 +63,7 @@ from gustproof.lti.state_space import Lti as Lti
 from gustproof.model.balred import ReducedSystem as ReducedSystem
 from gustproof.model.balred import balred as balred
 from gustproof.model.lft import Uncertain as Uncertain
+from gustproof.model.lft import append as append
 from gustproof.model.lft import close_loop as close_loop
 from gustproof.model.lft import ultidyn as ultidyn
 from gustproof.model.lft import ureal as ureal

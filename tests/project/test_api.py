@@ -27,7 +27,7 @@ def test_all_names_of_the_stub_can_be_imported() -> None:
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
     assert len(imports) == len(stub.body)
     seen = {name.asname: (node.module, name.name) for node in imports for name in node.names}
-    assert len(seen) == sum(len(node.names) for node in imports) == 121
+    assert len(seen) == sum(len(node.names) for node in imports) == 122
     assert set(seen) == set(gustproof.__all__) == set(dir(gustproof))
     for public, (module, name) in seen.items():
         assert getattr(gustproof, str(public)) is getattr(import_module(str(module)), name)

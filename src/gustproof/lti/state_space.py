@@ -1,8 +1,8 @@
 """Linear systems as read-only arrays, and the border to python-control.
 
 Users plot and check with `control.StateSpace`. It is mutable, drops states on request of a global setting, and spells
-"continuous" as 0 or `None`. So functions take any object with `A, B, C, D, dt` and copy it into an `Lti`;
-`Lti.to_control` alone makes a `control.StateSpace`.
+"continuous" as 0 or `None`. So functions take any object with `A, B, C, D, dt`, or a `control.TransferFunction`, and
+copy it into an `Lti`; `Lti.to_control` alone makes a `control.StateSpace`.
 """
 
 from dataclasses import dataclass
@@ -146,16 +146,33 @@ class Lti:
 def as_lti(system: LinearSystem) -> Lti:
     """Return a read-only copy of `system`; an unspecified time base counts as continuous.
 
+    A transfer function of python-control gets states first.
+
     Raises
     ------
     ValueError
-        If the system is discrete with no sample time (python-control's `dt=True`), or its arrays are not sound.
+        If the system is discrete with no sample time (python-control's `dt=True`), its arrays are not sound, or it is
+        an improper transfer function, or no linear system.
     """
     if isinstance(system, Lti):
         return system
+    if not hasattr(system, "A"):
+        system = _give_states(system)
     if system.dt is True:
         raise ValueError("the system is discrete without a sample time; give dt in seconds")
     return Lti(A=system.A, B=system.B, C=system.C, D=system.D, dt=0.0 if system.dt is None else float(system.dt))
+
+
+def _give_states(system: Any) -> Any:
+    """Return the state space of a transfer function."""
+    if not hasattr(system, "num"):
+        raise ValueError(f"{type(system).__name__} is no linear system: take a state space or a transfer function")
+    from control import tf2ss  # takes seconds: imported on use only
+
+    try:
+        return tf2ss(system)
+    except (ValueError, NotImplementedError) as error:
+        raise ValueError(f"the transfer function has no state space: {error}") from None
 
 
 def as_continuous(name: str, system: LinearSystem) -> Lti:

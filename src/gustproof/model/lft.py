@@ -207,7 +207,7 @@ def as_uncertain(system: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     """Return a system or matrix as an `Uncertain`; one without uncertainty has no blocks."""
     if isinstance(system, Uncertain):
         return system
-    return Uncertain(M=as_lti(system) if hasattr(system, "A") else gain(system))  # type: ignore[arg-type]
+    return Uncertain(M=as_lti(system) if hasattr(system, "dt") else gain(system))  # type: ignore[arg-type]
 
 
 def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
@@ -217,6 +217,16 @@ def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     ------
     ValueError
         If sample times differ, a full block occurs twice, or one parameter has two ranges.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from control import ss
+    >>> from gustproof import append, musyn, ureal
+    >>> lag = ss(-0.1, [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.2], [0, 0.1, 0]])
+    >>> plant = lag @ append(np.eye(2), ureal("gain", low=0.5, high=1.5))  # of the control alone
+    >>> (plant.n_outputs, plant.n_inputs, musyn(plant, 1, 1, measure="l2gain").order)
+    (3, 3, 1)
     """
     parts = [as_uncertain(system) for system in systems]
     times = {part.M.dt for part in parts if part.M.order or part.M.dt}
@@ -259,6 +269,11 @@ def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int,
 def close_loop(P: Uncertain, K: LinearSystem) -> Uncertain:
     """Return the uncertain loop `F_l(P, K)`: `K` reads the last outputs of `P` and drives its last inputs.
 
+    Raises
+    ------
+    ValueError
+        If sizes or sample times do not fit, or the loop is not well posed.
+
     Examples
     --------
     >>> from control import ss
@@ -267,7 +282,11 @@ def close_loop(P: Uncertain, K: LinearSystem) -> Uncertain:
     >>> close_loop(plant, ss([], [], [], -4.0)).M.poles().real
     array([-5.])
     """
-    return Uncertain(M=lft(P.M, as_lti(K)), blocks=P.blocks)
+    controller = as_lti(K)
+    if controller.n_inputs > P.n_outputs or controller.n_outputs > P.n_inputs:
+        size = f"{controller.n_outputs} x {controller.n_inputs}"
+        raise ValueError(f"K is {size}, larger than P, {P.n_outputs} x {P.n_inputs}")
+    return Uncertain(M=lft(P.M, controller), blocks=P.blocks)
 
 
 def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from control import tf, tf2ss
+from control import ss, tf, tf2ss
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.certificate import Certificate
@@ -21,7 +21,7 @@ from gustproof.certify.check.quadratic_constraints import LAG, LEAD
 from gustproof.certify.gain.l2_gain import attitude_loop, certify_gain, certify_lft, command_parts, derived_loop
 from gustproof.certify.gain.parts import Delay, Part, Sector, Slope
 from gustproof.lti.state_space import Lti, as_lti
-from gustproof.model.lft import Uncertain, append, ultidyn, ureal
+from gustproof.model.lft import Uncertain, append, close_loop, ultidyn, ureal
 from gustproof.model.rotational import Envelope
 from gustproof.synthesis.derive import derive
 from gustproof.synthesis.designs import design_problem, load_design
@@ -296,3 +296,9 @@ def test_the_papers_law_keeps_a_gain_with_commands_half_above_their_limit():
     loop = attitude_loop(problem, controller, Envelope(angle=0.1, rate=0.5), scheduled=False, saturation=1.5)
     parts = {"saturation": Sector()}
     assert check(json.dumps(certificate.to_dict()), loop=derived_loop(loop, None, parts)).accepted
+
+
+def test_a_loop_without_channels_has_no_gain():
+    plant = ss(-1.0, 2.0, 1.0, 0.0) @ ultidyn("late")
+    with pytest.raises(ValueError, match="no inputs or no outputs left"):
+        certify_lft(close_loop(plant, ss([], [], [], -1.0)), assumes={}, parts={"late": Delay(largest=0.5)})

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from control import ss
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.certify.mu import scalings, singular_value
@@ -222,6 +223,8 @@ def test_what_has_no_mu_is_refused():
         mu(Uncertain(M=gain(np.zeros((0, 0)))))
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
         mu(oscillator(ureal("k", low=-3.0, high=1.0), 0.2))
+    with pytest.raises(ValueError, match="no worst gain"):
+        wcgain(ss(-1.0, 1.0, 1.0, 0.0))
     with pytest.raises(ValueError, match="no worst gain"):
         wcgain(Uncertain(M=gain([[1.0]]), blocks=()))
 

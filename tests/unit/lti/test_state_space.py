@@ -118,3 +118,20 @@ def test_systems_of_different_sample_times_are_not_joined():
 def test_a_discrete_system_is_not_held():
     with pytest.raises(ValueError, match=r"discrete already, dt = 0\.1 s"):
         discretize_zoh(delay(1, 0.1), 0.1)
+
+
+def test_a_transfer_function_gets_states():
+    G = as_lti(control.tf([2.0], [1.0, 3.0]))
+    assert (G.order, G.response(1.0)[0, 0, 0]) == (1, pytest.approx(2.0 / (3.0 + 1j)))
+
+
+@pytest.mark.parametrize(
+    ("system", "told"),
+    [
+        (control.tf([1.0, 0.0], [1.0]), "the transfer function has no state space: .*proper"),
+        (3.0, "float is no linear system: take a state space or a transfer function"),
+    ],
+)
+def test_what_has_no_states_is_refused_by_name(system, told):
+    with pytest.raises(ValueError, match=told):
+        as_lti(system)

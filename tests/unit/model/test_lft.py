@@ -174,3 +174,8 @@ def test_reduction_removes_states_and_parameters_that_do_nothing():
     assert small.substitute(delta).response(0.3)[0, 0, 0] == pytest.approx(
         spring().substitute({"k": 0.2, "m": -0.5}).response(0.3)[0, 0, 0] + 0.3
     )
+
+
+def test_a_controller_larger_than_its_plant_is_refused():
+    with pytest.raises(ValueError, match="K is 2 x 2, larger than P, 1 x 1"):
+        close_loop(ureal("k", low=0.5, high=1.5) @ control.tf([1.0], [1.0, 1.0]), gain(np.eye(2)))

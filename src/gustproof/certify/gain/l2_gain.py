@@ -207,7 +207,8 @@ def certify_lft(
     Raises
     ------
     ValueError
-        If the level is not positive, or a block's name no word. If the loop is discrete or unstable at Delta = 0. If
+        If the level is not positive, or a block's name no word. If the loop is discrete, unstable at Delta = 0, or
+        closed without inputs or outputs. If
         `speeds` or `parts` name no block, or a block is neither a real parameter nor a part. If the loop is not
         stable with a sector or slope of 1: a saturated loop with a pole on the axis has no gain.
 
@@ -226,6 +227,7 @@ def certify_lft(
     """
     if level is not None and not 0.0 < level < math.inf:
         raise ValueError(f"level is {level}, must be positive")
+    _require_channels(loop)
     bounds = _speed_bounds(loop, speeds)
     _check_parts(loop, speeds, parts or {})
     multipliers = _find_multipliers(loop, speeds, parts)
@@ -296,6 +298,11 @@ def _largest_member(loop: Uncertain, parts: Mapping[str, Part]) -> Uncertain:
     slopes = np.diag([0.0 if isinstance(parts[owner[k]], Delay) else 1.0 for k in own])
     blocks = tuple(block for block in loop.blocks if block.name not in parts)
     return Uncertain(M=lft(loop.M.subsystem(outputs, inputs), gain(slopes)), blocks=blocks)
+
+
+def _require_channels(loop: Uncertain) -> None:
+    if not (loop.n_inputs and loop.n_outputs):
+        raise ValueError("the loop has no inputs or no outputs left, so no gain")
 
 
 def _check_parts(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Mapping[str, Part]) -> None:

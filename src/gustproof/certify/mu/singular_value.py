@@ -16,7 +16,7 @@ from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to
 from gustproof.certify.mu.worst_delta import most_unstable_delta, worst_delta
 from gustproof.certify.mu.worst_gain import ParameterBox, best_halves, restrict
 from gustproof.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
-from gustproof.model.lft import Uncertain
+from gustproof.model.lft import Uncertain, as_uncertain
 from gustproof.model.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
 _SHARES = (0.998, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
@@ -59,6 +59,7 @@ def mu(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     >>> f"{1.0 / found.lower:.2f}"  # times the spread, the gain is unstable
     '2.00'
     """
+    system = as_uncertain(system)
     found = _bracket(system, accuracy)
     if boxes > 1 and found.gap > 2.0 * accuracy and found.lower > 0.0:
         found = replace(found, upper=_branch_and_bound(system, found, accuracy, boxes))

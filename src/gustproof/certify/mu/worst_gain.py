@@ -8,7 +8,7 @@ from gustproof.certify.mu.scalings import best_scalings
 from gustproof.certify.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.certify.mu.worst_delta import worst_delta
 from gustproof.lti.norms import hinf_norm
-from gustproof.model.lft import Uncertain, append, star, ultidyn, ureal
+from gustproof.model.lft import Uncertain, append, as_uncertain, star, ultidyn, ureal
 from gustproof.model.uncertainty import RealBlock
 
 ParameterBox = Mapping[str, tuple[float, float]]
@@ -48,6 +48,7 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Brac
     >>> f"{found.lower:.2f} at {found.delta}"
     "1.20 at {'gain': 1.0}"
     """
+    system = as_uncertain(system)
     if not (system.blocks and system.n_inputs and system.n_outputs):
         raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")
     whole: ParameterBox = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}

@@ -4,7 +4,7 @@ import numpy as np
 
 from gustproof.certify.mu.singular_value import disk_margin_bounds, mu
 from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain
+from gustproof.model.lft import Uncertain, as_uncertain
 from gustproof.model.uncertainty import FullBlock
 
 _TRIALS = 24
@@ -44,6 +44,7 @@ def wcmargin(L: Uncertain, *, accuracy: float = 0.02) -> tuple[float, float]:
     >>> lower <= 1.0 <= upper  # 1.15 with the nominal gain
     True
     """
+    L = as_uncertain(L)
     if not L.blocks:
         raise ValueError("the loop has no blocks: nothing is uncertain, use disk_margin_bounds")
     if L.n_inputs != L.n_outputs:

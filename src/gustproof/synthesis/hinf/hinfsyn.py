@@ -180,7 +180,7 @@ class _Design(NamedTuple):
         """Return the checked controller at the first level at which rounding does not spoil it."""
         problem = normalize(image, self.n_meas, self.n_con)
         halves = _riccati_halves(problem)
-        gamma_opt = _checked_least_level(problem, halves)
+        gamma_opt = _find_least_level(problem, halves)
         is_zero = gamma_opt <= _NEAR_ZERO * problem.size
         if self.gamma is not None and self.gamma <= gamma_opt:
             raise DesignError(f"no controller at gamma = {self.gamma:.6g}: the least level is {gamma_opt:.6g}")
@@ -191,7 +191,7 @@ class _Design(NamedTuple):
             try:
                 solution = _require_controller(_solve(halves, level))
                 K = discrete_original(_decouple(_central_controller(problem, solution, level), image), self.plant)
-                return self._checked(K, units, gamma_opt, level, solution)
+                return self._check_loop(K, units, gamma_opt, level, solution)
             except (DesignError, ValueError) as failure:
                 spoilt = f"rounding spoilt the controller at gamma = {level:.6g}: {failure}"
                 refusals.append(DesignError(spoilt))
@@ -207,7 +207,7 @@ class _Design(NamedTuple):
         levels = [factor * self.backoff * gamma_opt for factor in (1.0, *_HIGHER)]
         return [*levels, *(level for level in (_NEAR_ZERO * size,) if level > levels[-1])]
 
-    def _checked(self, K: Lti, units: Units, gamma_opt: float, level: float, solution: _Solution) -> HinfResult:
+    def _check_loop(self, K: Lti, units: Units, gamma_opt: float, level: float, solution: _Solution) -> HinfResult:
         """Return a controller with the norm of the loop that it closes; raise if its level is exceeded.
 
         The units of the loop change neither its norm nor, being powers of two, a digit of it.
@@ -240,7 +240,7 @@ def _riccati_halves(problem: NormalizedPlant) -> tuple[RiccatiData, RiccatiData]
     )
 
 
-def _checked_least_level(problem: NormalizedPlant, halves: tuple[RiccatiData, RiccatiData]) -> float:
+def _find_least_level(problem: NormalizedPlant, halves: tuple[RiccatiData, RiccatiData]) -> float:
     """Return the least level; raise if rounding hides it."""
     gamma_opt, is_crossed = _least_level(halves, problem.floor)
     if not is_crossed and gamma_opt > _NEAR_ZERO * problem.size:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +54,7 @@ def mixsyn(
     >>> f"{result.gamma_opt:.2f}"
     '1.37'
     """
-    plant = _as_state_space("G", G)
+    plant = as_lti(G)
     weights = {
         name: _as_weight(name, weight, channels, plant)
         for name, weight, channels in (
@@ -78,23 +77,14 @@ def mixsyn(
     return replace(result, checks=tuple(checks))
 
 
-def _as_state_space(name: str, system: Any) -> Lti:
-    """Return a system as state space; a transfer function of python-control has no matrices of its own."""
-    if hasattr(system, "A"):
-        return as_lti(system)
-    if not hasattr(system, "num"):
-        raise ValueError(f"{name} is {type(system).__name__}, must be a linear system")
-    from control import tf2ss  # takes seconds: imported on use only
-
-    return as_lti(tf2ss(system))
-
-
 def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
     """Return a weight for a number of channels, with no outputs if there is none."""
     if weight is None:
         return gain(np.zeros((0, channels)), G.dt)
-    is_system = hasattr(weight, "dt")
-    W = _as_state_space(name, weight) if is_system else gain(np.asarray(weight, dtype=np.float64), G.dt)
+    try:
+        W = as_lti(weight) if hasattr(weight, "dt") else gain(np.asarray(weight, dtype=np.float64), G.dt)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     if W.dt != G.dt:
         raise ValueError(f"{name} has the sample time {W.dt} s, G {G.dt} s")
     if not W.is_stable():

@@ -6,6 +6,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from gustproof.errors import DesignError
 from gustproof.lti.norms import Peak, hinf_norm
@@ -193,8 +194,13 @@ def _affine(rho: Point) -> tuple[float, ...]:
     return (1.0, *rho)
 
 
+def _point(values: ArrayLike) -> Point:
+    """Return values as a point; a single parameter may be a number."""
+    return tuple(np.atleast_1d(np.asarray(values, dtype=np.float64)).tolist())
+
+
 def _speeds(speeds: Sequence[float], count: int) -> Point:
-    bounds = tuple(float(speed) for speed in speeds)
+    bounds = _point(speeds)
     if len(bounds) != count or not all(np.isfinite(speed) and speed >= 0.0 for speed in bounds):
         raise ValueError(f"speeds are {bounds}, must be {count} finite bounds, not negative")
     return bounds
@@ -202,7 +208,7 @@ def _speeds(speeds: Sequence[float], count: int) -> Point:
 
 def _models(grid: Mapping[Point, LinearSystem], n_meas: int, n_con: int) -> dict[Point, Lti]:
     """Check the plants of a grid; return them by their points, the last parameter fastest."""
-    models = {tuple(float(value) for value in rho): as_continuous(f"the plant at {rho}", P) for rho, P in grid.items()}
+    models = {_point(rho): as_continuous(f"the plant at {rho}", P) for rho, P in grid.items()}
     if len(models) < 2 or len({len(rho) for rho in models}) > 1:
         raise ValueError("the grid needs two points or more, of the same parameters")
     shapes = {(P.order, P.D.shape) for P in models.values()}

@@ -66,5 +66,5 @@ def test_mixsyn_names_the_weight_at_fault(weights, error, message):
 
 
 def test_mixsyn_refuses_what_is_no_system():
-    with pytest.raises(ValueError, match="G is list, must be a linear system"):
+    with pytest.raises(ValueError, match="list is no linear system: take a state space or a transfer function"):
         mixsyn([[1.0]], W1)
