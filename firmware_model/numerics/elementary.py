@@ -112,7 +112,7 @@ def inverse_normal(u: float) -> float:
     M. J. Wichura, Algorithm AS 241: The percentage points of the normal distribution, Applied Statistics 37, 1988,
     PPND16, without its far tail, which 32-bit uniforms never reach.
     """
-    return _tail_quantile(u) if is_outside(u, _LEAST, _BREADTH) else _central_quantile(u)
+    return _tail_quantile(_tail_root(u)) if is_outside(u, _LEAST, _BREADTH) else _central_quantile(u)
 
 
 @kernel
@@ -120,7 +120,8 @@ def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np
     """Write the `inverse_normal` of each number in `u` to `quantiles`.
 
     `indices` is scratch of the size of `u`, `tail` is `BLOCK` longer. One number in seven lies in the tails. Those are
-    packed side by side, because SIMD that followed both paths for every number would take twice the time.
+    packed side by side, because SIMD that followed both paths for every number would take twice the time. Their roots
+    have a loop of their own: a processor looks ahead too little to overlap chains as long as both together.
     """
     for i in range(u.size):
         quantiles[i] = _central_quantile(u[i])
@@ -129,6 +130,9 @@ def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np
         tail[i] = u[indices[i]]
     for i in range(BLOCK):
         tail[count + i] = 0.5
+    for start in range(0, count, BLOCK):
+        for i in range(start, start + BLOCK):
+            tail[i] = _tail_root(tail[i])
     for start in range(0, count, BLOCK):
         for i in range(start, start + BLOCK):
             tail[i] = _tail_quantile(tail[i])
@@ -150,8 +154,15 @@ def _central_quantile(u: float) -> float:
 
 
 @kernel
-def _tail_quantile(u: float) -> float:
+def _tail_root(u: float) -> float:
+    """Return the variable of `_tail_quantile` for a number in the tails, with the sign of its quantile."""
     t = math.sqrt(-log(min(u, 1.0 - u))) - 1.6
+    return -t if u < 0.5 else t
+
+
+@kernel
+def _tail_quantile(root: float) -> float:
+    t = abs(root)
     n = (7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1
     n = ((n * t + 1.27045825245236838258e0) * t + 3.64784832476320460504e0) * t + 5.76949722146069140550e0
     n = (n * t + 4.63033784615654529590e0) * t + 1.42343711074968357734e0
@@ -159,7 +170,7 @@ def _tail_quantile(u: float) -> float:
     d = ((d * t + 1.48103976427480074590e-1) * t + 6.89767334985100004550e-1) * t + 1.67638483018380384940e0
     d = (d * t + 2.05319162663775882187e0) * t + 1.0
     tail = n / d
-    return -tail if u < 0.5 else tail
+    return -tail if root < 0.0 else tail
 
 
 @kernel

@@ -66,13 +66,18 @@ def from_rotation_vector(v_B: Vector) -> Quaternion:
 @kernel
 def to_euler(q_NB: Quaternion) -> Vector:
     """Return ZYX Euler angles phi, theta, psi [rad]; theta in [-pi/2, pi/2]."""
+    sines, cosines = euler_sides(q_NB)
+    return arctan2(sines[0], cosines[0]), arctan2(sines[1], cosines[1]), arctan2(sines[2], cosines[2])
+
+
+@kernel
+def euler_sides(q_NB: Quaternion) -> tuple[Vector, Vector]:
+    """Return sines and cosines of the ZYX Euler angles, those of phi and psi times the cosine of theta."""
     w, x, y, z = q_NB
     sin_theta = min(max(2.0 * (w * y - z * x), -1.0), 1.0)
-    return (
-        arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        arctan2(sin_theta, math.sqrt((1.0 - sin_theta) * (1.0 + sin_theta))),
-        arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )
+    sines = (2.0 * (w * x + y * z), sin_theta, 2.0 * (w * z + x * y))
+    cos_theta = math.sqrt((1.0 - sin_theta) * (1.0 + sin_theta))
+    return sines, (1.0 - 2.0 * (x * x + y * y), cos_theta, 1.0 - 2.0 * (y * y + z * z))
 
 
 @kernel

@@ -58,7 +58,8 @@ _load_stream, _store_stream = loader(Stream), storer(Stream)
 _X_TORQUE, _X_THRUST = (X_BODY + field_offset(Body, name) for name in ("torque_B", "thrust"))
 _VELOCITY, _Q_NB, _OMEGA = (field_offset(Motion, name) for name in ("velocity_N", "q_NB", "omega_B"))
 _NOW, _END, _STREAM, _ACTUATORS = offsets([Motion, Motion, Stream])
-STAGE_ROWS = _ACTUATORS + 16
+_COMMAND = _ACTUATORS + 16
+STAGE_ROWS = _COMMAND + 4
 """Numbers of a flight between the stages of a step."""
 
 
@@ -86,7 +87,7 @@ def observe_kernel(
     force_noise = mixed_normals(mix, ACCELEROMETER_STREAM, sample, 0)
     if get(one, layout.BATTERY) != 0.0:
         drain_battery(one, x)
-    measure(one, x, free, True, scripted, gyro_noise, time_us, single(record))
+    measure(one, x, free, True, True, scripted, gyro_noise, time_us, single(record))
     measure_force(one, x, free, True, force_noise, single(record))
     _write_rotors(one, x, free, single(record))
 
@@ -139,6 +140,7 @@ def measure(
     state: Lane,
     free: bool,
     full: bool,
+    acts: bool,
     scripted: Disturbance,
     noise: Float4,
     time_us: int,
@@ -147,10 +149,11 @@ def measure(
     """Write to `record` the fields of `observe_kernel` except those of `measure_force` and the rotors.
 
     The noise of the gyro is standard normal. Unless `full`, leave out the on-board attitude, fields that are only
-    recorded and, on the stand, the wind. Torque and rate laws and the metrics need none of them.
+    recorded and, on the stand, the wind. Torque and rate laws and the metrics need none of them. Unless any table
+    `acts`, all of `scripted` is 0, and skipped.
     """
     body, time = _load_body(state, X_BODY), time_us * 1e-6
-    direct = _write_air(params, state, full or free, scripted, record)
+    direct = _write_air(params, state, full or free, acts, scripted, record)
     rate = measure_gyro(_load_gyro_params(params, layout.GYRO), body.omega_B, noise, time)
     put_vector(record, journal.GYRO_B, rate)
     put_vector(record, journal.OMEGA, body.omega_B)
@@ -221,12 +224,14 @@ def _free_params(params: Lane) -> FreeParams:
 
 
 @kernel
-def _write_air(params: Lane, state: Lane, windy: bool, scripted: Disturbance, record: Lane) -> Vector:
+def _write_air(params: Lane, state: Lane, windy: bool, acts: bool, scripted: Disturbance, record: Lane) -> Vector:
     """Write gust and wind, and return the direct moment [N*m] B; scripted vectors in N are rotated into B."""
     body = _load_body(state, X_BODY)
     gust_B, gust_N, moment_B, moment_N = scripted
-    to_B = conjugate(body.q_NB)
-    rotated_gust, rotated_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
+    rotated_gust, rotated_moment = _ZERO, _ZERO
+    if acts:
+        to_B = conjugate(body.q_NB)
+        rotated_gust, rotated_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
     turbulence, angular_gust = dryden_gust(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN))
     scale = get(params, layout.GUST_SCALE)
     for i in range(3):
@@ -294,22 +299,36 @@ def step_body(params: Lane, state: Lane, free: bool, dt: float, record: Lane) ->
 
 
 @kernel
+def begin_sample(params: Lane, state: Lane, record: Lane, work: Lane) -> None:
+    """Write what the actuators give for the record's command, for `begin_stages` in all steps of a sample."""
+    given = _free_inputs(params, state, False, record).body
+    put_vector(work, _COMMAND, given.torque_command_B)
+    put(work, _COMMAND + 3, given.thrust_command)
+
+
+@kernel
 def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane) -> None:
     """Begin to step the body as `step_body` does one in free flight that is not unusual, with the same bits.
 
-    Each of the four stages is then a loop of its own over flights. A whole step is a chain so long that a processor
-    finds nothing else to do while it waits for a root. So each stage also takes the roots for the next.
+    `meet_air` and `step_stage` follow for each of the four stages, each in a loop of its own over flights. A whole step
+    is a chain so long that a processor finds nothing else to do while it waits for a root.
     """
-    constants, body = _free_params(params), _load_body(state, X_BODY)
-    inputs = _free_inputs(params, state, False, record)
-    T, torque_B, F, thrust = rigid_body.step_actuators(constants.body, body, inputs.body, dt)
-    motion = rigid_body.get_motion(body)
-    _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, motion, F[0], inputs.air))
+    constants, body = _load_body_params(params, layout.BODY), _load_body(state, X_BODY)
+    inputs = _body_inputs(record, _ZERO, get_vector(work, _COMMAND), get(work, _COMMAND + 3))
+    T, torque_B, F, thrust = rigid_body.step_actuators(constants, body, inputs, dt)
     for i in range(4):
         put_vector(work, _ACTUATORS + 4 * i, T[i])
         put(work, _ACTUATORS + 4 * i + 3, F[i])
     put_vector(state, _X_TORQUE, torque_B)
     put(state, _X_THRUST, thrust)
+
+
+@kernel
+def meet_air(stage: int, params: Lane, state: Lane, record: Lane, work: Lane) -> None:
+    """Meet the air of a stage, 0 to 3: all its roots."""
+    motion = _load_motion(state, X_BODY) if stage == 0 else _load_motion(work, _NOW)
+    thrust, air = get(work, _ACTUATORS + 4 * stage + 3), _load_air_params(params, layout.AIR)
+    _store_stream(work, _STREAM, aerodynamics.meet_air(air, motion, thrust, _read_air(record)))
 
 
 @kernel
@@ -330,7 +349,6 @@ def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, re
         put_vector(work, _NOW + _VELOCITY, now.velocity_N)  # away from the ground no stage needs its position
         _put_float4(work, _NOW + _Q_NB, now.q_NB)
         put_vector(work, _NOW + _OMEGA, now.omega_B)
-        _store_stream(work, _STREAM, aerodynamics.meet_air(constants.air, now, get(work, at + 7), inputs.air))
 
 
 @kernel

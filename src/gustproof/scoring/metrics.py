@@ -12,8 +12,8 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import sin_cos
-from firmware_model.numerics.rotations import euler_angles, to_euler
-from firmware_model.numerics.soa import Lane, get, get_vector, loader, single, storer
+from firmware_model.numerics.rotations import euler_angles, euler_sides, to_euler
+from firmware_model.numerics.soa import Lane, get, get_vector, loader, put_vector, single, storer
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND
 from firmware_model.types import Quaternion, Vector
 from gustproof.model.lpv import RATE_BOUND
@@ -109,8 +109,8 @@ class Tally(NamedTuple):
     peak_share: float  # [-]
 
 
-TALLY_SIZE = len(Tally._fields)
-"""Numbers in a tally."""
+TALLY_SIZE, PEAK_SHARE = len(Tally._fields), Tally._fields.index("peak_share")
+"""Numbers in a tally, and the place of one."""
 load_tally, store_tally = loader(Tally), storer(Tally)
 
 
@@ -127,12 +127,16 @@ def _unwrap(turns: float, before: float, now: float) -> float:
 
 
 @kernel
-def _share(phi: float, theta: float, omega_B: Vector) -> float:
-    """Return the used share of the envelope: 0 at hover, 1 at the nearest bound of Table II."""
-    sin_phi, cos_phi = sin_cos(phi)
-    sin_theta, cos_theta = sin_cos(theta)
-    angles = maximum(maximum(abs(sin_phi), 1.0 - cos_phi), maximum(abs(sin_theta), 1.0 - cos_theta))
-    return maximum(angles, _maximum_of((abs(omega_B[0]), abs(omega_B[1]), abs(omega_B[2]))) / RATE_BOUND)
+def angle_share(angle: float) -> float:
+    """Return the used share of the envelope by roll or pitch [rad]: 0 at hover, 1 at the bound of Table II."""
+    sine, cosine = sin_cos(angle)
+    return maximum(abs(sine), 1.0 - cosine)
+
+
+@kernel
+def _share(roll: float, pitch: float, omega_B: Vector) -> float:
+    """Return the used share of the envelope by roll, pitch and rates [rad/s], the largest of them."""
+    return maximum(maximum(roll, pitch), _maximum_of((abs(omega_B[0]), abs(omega_B[1]), abs(omega_B[2]))) / RATE_BOUND)
 
 
 @kernel
@@ -146,18 +150,17 @@ def _squared_norm(v: Vector) -> float:
 
 
 @kernel
-def update_tally(
-    x: Tally, first: bool, settled: bool, limit: Vector, q_NB: Quaternion, omega_B: Vector, torque: Vector, dt: float
+def _update_tally(
+    x: Tally, first: bool, settled: bool, limit: Vector, E: Vector, share: float, torque: Vector, dt: float
 ) -> Tally:
-    """Return the tally after a sample of attitude, rates [rad/s] and commanded torque [N*m], `limit` likewise."""
-    phi, theta, psi = to_euler(q_NB)
+    """Return the tally after a sample of attitude [rad], used share, commanded torque [N*m] and its `limit`."""
+    phi, theta, psi = E
     phi_wraps = 0.0 if first else _unwrap(x.phi_wraps, x.phi, phi)
     psi_wraps = 0.0 if first else _unwrap(x.psi_wraps, x.psi, psi)
     roll, pitch, yaw = _DEGREES * (phi + phi_wraps), _DEGREES * theta, _DEGREES * (psi + psi_wraps)
     size = (abs(torque[0]), abs(torque[1]), abs(torque[2]))
     rate = 0.0 if first else 1.0 / dt
     slew = rate * (torque[0] - x.L), rate * (torque[1] - x.M), rate * (torque[2] - x.N)
-    share = _share(phi, theta, omega_B)
     largest = _maximum_of((abs(roll), abs(pitch), abs(yaw)))
     saturated = (size[0] >= limit[0]) | (size[1] >= limit[1]) | (size[2] >= limit[2])
     return Tally(
@@ -175,10 +178,39 @@ def update_tally(
 @kernel
 def tally_kernel(tally: Lane, sample: int, limit: Lane, record: Lane, dt: float) -> None:
     """Update a tally with the journal record of a sample; the first one begins anew."""
-    q_NB = (get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3))
-    omega_B, torque = get_vector(record, OMEGA), get_vector(record, TORQUE_COMMAND)
+    phi, theta, psi = to_euler(_get_attitude(record))
+    _tally_angles(tally, sample, limit, record, dt, (phi, theta, psi), (angle_share(phi), angle_share(theta)))
+
+
+@kernel
+def begin_tally(record: Lane, work: Lane) -> None:
+    """Write six rows: what `arctan2` makes phi, theta, psi of.
+
+    `end_tally` follows, and does the same as `tally_kernel` with them.
+    """
+    sines, cosines = euler_sides(_get_attitude(record))
+    put_vector(work, 0, sines)
+    put_vector(work, 3, cosines)
+
+
+@kernel
+def end_tally(tally: Lane, sample: int, limit: Lane, record: Lane, dt: float, work: Lane) -> None:
+    """Update a tally; `work` holds phi, theta, psi, and the `angle_share` of the first two."""
+    _tally_angles(tally, sample, limit, record, dt, get_vector(work, 0), (get(work, 3), get(work, 4)))
+
+
+@kernel
+def _tally_angles(
+    tally: Lane, sample: int, limit: Lane, record: Lane, dt: float, E: Vector, shares: tuple[float, float]
+) -> None:
+    share, torque = _share(shares[0], shares[1], get_vector(record, OMEGA)), get_vector(record, TORQUE_COMMAND)
     x, settled = load_tally(tally, 0), (sample + 0.5) * dt > SETTLED_S
-    store_tally(tally, 0, update_tally(x, sample == 0, settled, get_vector(limit, 0), q_NB, omega_B, torque, dt))
+    store_tally(tally, 0, _update_tally(x, sample == 0, settled, get_vector(limit, 0), E, share, torque, dt))
+
+
+@kernel
+def _get_attitude(record: Lane) -> Quaternion:
+    return get(record, Q_NB), get(record, Q_NB + 1), get(record, Q_NB + 2), get(record, Q_NB + 3)
 
 
 @compiled

@@ -138,6 +138,13 @@ def rules(scenario: Scenario) -> Array:
     return np.array([_rule(scenario, requirement) for requirement in scenario.require]).reshape(-1, _RULE_SIZE)
 
 
+def reads_share(scenario: Scenario) -> bool:
+    """Return whether a requirement reads the used share of the envelope from later than the first sample on."""
+    return any(
+        requirement.metric is Metric.RHO and scenario.window(requirement)[0] > 0 for requirement in scenario.require
+    )
+
+
 def initial_readings(scenario: Scenario, width: int) -> Array:
     """Return the initial readings (n, READING_SIZE, width) of a scenario, a column for each flight."""
     reading = np.array([[0.0], [-1.0], [-1.0], [0.0], [0.0], [0.0]])

@@ -23,7 +23,13 @@ from gustproof.law.form import Law, Output
 from gustproof.law.references import references
 from gustproof.law.step import SparseLaw, no_law, sparse_law
 from gustproof.scoring.metrics import Metrics, Tally, metrics_from_tally
-from gustproof.scoring.requirements import RequirementResult, initial_readings, results_from_readings, rules
+from gustproof.scoring.requirements import (
+    RequirementResult,
+    initial_readings,
+    reads_share,
+    results_from_readings,
+    rules,
+)
 from gustproof.simulate.direct import check_compatible
 from gustproof.simulate.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
 
@@ -137,7 +143,8 @@ def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Se
     torque = law.output is Output.TORQUE
     shared = BatchSetup(
         sample_us=scenario.sample_us, dt=scenario.dt, waves=make_waves(scenario), replay=make_replay(scenario),
-        reference=references(scenario), rules=rules(scenario), law=terms, step=step, steps_lanes=steps_lanes,
+        reference=references(scenario), rules=rules(scenario), reads_share=reads_share(scenario),
+        law=terms, step=step, steps_lanes=steps_lanes,
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
     )  # fmt: skip
     return fly

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from firmware_model.numerics import random
 from firmware_model.numerics.compiled import compiled, kernel, use_wide_registers
-from firmware_model.numerics.elementary import BLOCK, inverse_normals, uniforms
+from firmware_model.numerics.elementary import BLOCK, arctan2, inverse_normals, uniforms
 from firmware_model.numerics.soa import Lane, aligned_zeros, mover, summer
-from firmware_model.physics.disturbances import disturbance
+from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.sensors import float32
 from firmware_model.recording import journal
 from firmware_model.recording.journal import WIDTH
@@ -39,13 +39,14 @@ from gustproof.law.step import (
     turn_steep,
     vector_size,
 )
-from gustproof.scoring.metrics import TALLY_SIZE, tally_kernel
+from gustproof.scoring.metrics import PEAK_SHARE, TALLY_SIZE, angle_share, begin_tally, end_tally
 from gustproof.scoring.requirements import read_kernel
 
 LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
 _sum, _move, _move_three = summer(LANES), mover(LANES), mover(3 * LANES)
 _STEP_SIZE = MEASURED_SIZE + 3
+_STILL: Disturbance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 _GUST, _GYRO, _ACCELEROMETER, _DRAWN = 0, 8, 11, 14
 """Rows of random numbers. Those of a block are drawn by fours, and nobody uses the last of gyro and accelerometer."""
 
@@ -65,6 +66,8 @@ class BatchSetup(NamedTuple):
     """(samples, 3) [rad] attitude to hold: phi, theta, psi."""
     rules: Array
     """(n, 8) rules, see `scoring.requirements`."""
+    reads_share: bool
+    """True if one of these reads the used share of the envelope from later than the first sample on."""
     law: SparseLaw
     """Terms of the law, unused by a controller in C."""
     step: int
@@ -198,12 +201,14 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
             _limit_commands(rotors, params, record)
         elif free:
             _limit_commands(4, params, record)
+        if free:
+            for w in range(LANES):
+                p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+                step.begin_sample(p, x, row, Lane(batch.stages, LANES, w))
         for _ in range(steps):
             _integrate(free, params, state, dt / steps, record, batch.stages)
         _step_turbulence(params, state, noise)
-        for w in range(LANES):
-            tally, limit = Lane(tallies, LANES, w), Lane(torque_limit, LANES, w)
-            tally_kernel(tally, k, limit, Lane(record, LANES, w), shared.dt)
+        _tally(shared, tallies, torque_limit, record, k, batch.stages)
         read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
 
 
@@ -252,9 +257,12 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
     if _has_battery(params):
         for w in range(LANES):
             step.drain_battery(Lane(params, LANES, w), Lane(state, LANES, w))
-    for w in range(LANES):
-        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-        step.measure(p, x, free, False, scripted, _noise_block(noise, _GYRO, w), time_us, row)
+    if shared.waves.shape[0] + shared.replay.shape[0] > 0:
+        for w in range(LANES):
+            _measure(free, True, scripted, params, state, noise, time_us, record, w)
+    else:
+        for w in range(LANES):
+            _measure(free, False, _STILL, params, state, noise, time_us, record, w)
     if _feels_force(batch):
         if _is_unusual(free, params, state, 0.0):
             for w in range(LANES):
@@ -262,6 +270,13 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
         else:
             for w in range(LANES):
                 _measure_force(free, False, params, state, noise, record, w)
+
+
+@kernel
+def _measure(free: bool, acts: bool, scripted: Disturbance, params: Array, state: Array, noise: Array, time_us: int,
+             record: Array, w: int) -> None:  # fmt: skip
+    p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+    step.measure(p, x, free, False, acts, scripted, _noise_block(noise, _GYRO, w), time_us, row)
 
 
 @kernel
@@ -491,7 +506,34 @@ def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array
 def _step_stage(stage: int, share: float, h: float, params: Array, state: Array, record: Array, work: Array) -> None:
     for w in range(LANES):
         p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+        step.meet_air(stage, p, x, row, Lane(work, LANES, w))
+    for w in range(LANES):
+        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
         step.step_stage(stage, share, h, p, x, row, Lane(work, LANES, w))
+
+
+@kernel
+def _tally(shared: BatchSetup, tallies: Array, limits: Array, record: Array, sample: int, work: Array) -> None:
+    """Do the work of `tally_kernel`: each arc tangent and sine is a long chain, so they have loops of their own.
+
+    No share of an angle is over the angle. If none is over the largest share so far, 0 stands for all of them.
+    """
+    for w in range(LANES):
+        begin_tally(Lane(record, LANES, w), Lane(work, LANES, w))
+    for i in range(3 * LANES):
+        work[i] = arctan2(work[i], work[i + 3 * LANES])
+    counts = shared.reads_share
+    for w in range(LANES):
+        largest = tallies[PEAK_SHARE * LANES + w]
+        counts |= not ((abs(work[w]) <= largest) & (abs(work[w + LANES]) <= largest))
+    for i in range(2 * LANES):
+        work[i + 3 * LANES] = 0.0
+    if counts:
+        for i in range(2 * LANES):
+            work[i + 3 * LANES] = angle_share(work[i])
+    for w in range(LANES):
+        tally, limit = Lane(tallies, LANES, w), Lane(limits, LANES, w)
+        end_tally(tally, sample, limit, Lane(record, LANES, w), shared.dt, Lane(work, LANES, w))
 
 
 @kernel

@@ -8,7 +8,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
-from gustproof.scoring.metrics import Metrics, attitude, measure, median_metrics, peak_rate
+from gustproof.scoring.metrics import Metrics, angle_share, attitude, measure, median_metrics, peak_rate
 
 VEHICLE, SCENARIO = load_vehicle("paper"), load_scenario("paper")
 ROUNDING = 1e-12  # relative: a few operations in double precision
@@ -109,6 +109,12 @@ def test_turning_past_90_degrees_leaves_the_bounds(axis, end_deg):
     records["q_NB"] = turned(axis, np.linspace(0.0, math.radians(end_deg), len(records)))
     # Beyond 90 degrees of pitch the Euler angles tell a roll of 180.
     assert figures(records).rho_in_bounds is (abs(end_deg) < 90.0)
+
+
+@pytest.mark.plain
+def test_no_share_of_an_angle_is_over_the_angle():
+    angles = (0.0, *np.geomspace(1e-300, math.pi, 5000).tolist())
+    assert all(angle_share(angle) <= angle and angle_share(-angle) <= angle for angle in angles)
 
 
 def test_one_record_is_refused():
