@@ -31,8 +31,10 @@ FAULTS = {
 
 
 def check(fault: str) -> list[Finding]:
+    """Return what is found, but for deadlines that nobody could keep: on a busy machine the vehicle is late itself."""
     entry = parse_entry(f"exec: '{sys.executable}' -S '{CLIENT}' {fault}")
-    return check_controller(entry, vehicle=load_vehicle("paper"), patience_s=2.0)
+    found = check_controller(entry, vehicle=load_vehicle("paper"), patience_s=2.0)
+    return [finding for finding in found if finding.name != "not-judged"]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,6 @@ def test_fault_is_found_by_its_name_alone(fault, found):
 
 
 def test_late_answers_are_found_in_real_time():
-    # On a busy machine the vehicle is late itself; then nobody's answers are judged.
     found = next(filter(None, (check("late") for _ in range(5))))
     assert [(finding.name, finding.spell) for finding in found] == [("late", "real time")]
 

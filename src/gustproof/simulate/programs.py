@@ -61,11 +61,11 @@ def refine_outcome(
     """Return why the set-points of an entry stopped in mid-flight, or that they came late; other outcomes stay.
 
     `vehicle` and `controller` are the summaries of these processes. The controller tells its own failure, or died if
-    the vehicle was `alone` at the end. Otherwise it sent NaN, or hung.
+    the vehicle was `alone` at the end. Otherwise it sent NaN, fell behind the clock, or hung.
     """
+    most = _MOST_HELD * vehicle["samples"]
     if outcome is FlightOutcome.DONE and vehicle["pace"]:
-        is_late = vehicle["pace"]["held"] > _MOST_HELD * vehicle["samples"]
-        return FlightOutcome.CONTROLLER_LATE if is_late else outcome
+        return FlightOutcome.CONTROLLER_LATE if vehicle["pace"]["held"] > most else outcome
     if outcome is not FlightOutcome.CONTROLLER_LOST:
         return outcome
     told = f"CONTROLLER_{controller.get('outcome', '').upper()}"
@@ -73,5 +73,7 @@ def refine_outcome(
         return FlightOutcome[told]
     if vehicle["counters"].get(RejectReason.NOT_FINITE.value, 0):
         return FlightOutcome.CONTROLLER_NOT_FINITE
+    if controller.get("late_samples", 0) > most:  # so late that its answers were taken for none
+        return FlightOutcome.CONTROLLER_LATE
     is_dead = alone and "outcome" not in controller  # one that tells its end was alive when the set-points stopped
     return FlightOutcome.CONTROLLER_DIED if is_dead else FlightOutcome.CONTROLLER_HUNG

@@ -13,7 +13,8 @@ LOST = FlightOutcome.CONTROLLER_LOST
 
 def summary(*, links=True, answered=True, armed=True, mode="OFFBOARD", **counters):
     state = {"answered": answered, "armed": armed, "mode": mode}
-    return {"state": state, "links": {"127.0.0.1:9": {}} if links else {}, "counters": counters, "pace": None}
+    links = {"127.0.0.1:9": {}} if links else {}
+    return {"state": state, "links": links, "counters": counters, "pace": None, "samples": 1000}
 
 
 @pytest.mark.parametrize(
@@ -43,6 +44,11 @@ def test_flight_that_did_not_begin_says_how_far_the_controller_came(facts, words
 )
 def test_why_the_set_points_stopped_is_named(outcome, counters, alone, named):
     assert refine_outcome(outcome, summary(**counters), {}, alone=alone) is named
+
+
+@pytest.mark.parametrize(("late", "named"), [(51, "CONTROLLER_LATE"), (50, "CONTROLLER_HUNG")])
+def test_set_points_that_stopped_behind_the_clock_were_late(late, named):
+    assert refine_outcome(LOST, summary(), {"late_samples": late}, alone=False) is FlightOutcome[named]
 
 
 def test_words_are_split_without_a_shell_and_name_the_program():
