@@ -35,6 +35,7 @@ from gustproof.falsify.starts import (
 from gustproof.law.form import Law
 from gustproof.model.uncertainty import Spreads
 from gustproof.scoring.metrics import attitude, measure
+from gustproof.simulate.outcome import FlightOutcome
 from gustproof.simulate.pilots import PilotFlight, fly_pilot
 
 Array = NDArray[np.float64]
@@ -226,7 +227,7 @@ class _Search:
         """
         flight = self._fly(scenario, vehicle)
         records = flight.records
-        if len(records) < scenario.samples:
+        if flight.outcome is not FlightOutcome.DONE:
             raise ValueError(f"controller '{self._law.name}' breaks off before the search: {flight.message}")
         if not (np.isfinite(records["q_NB"]).all() and np.isfinite(records["omega_B"]).all()):
             lag, inertia = vehicle.actuator_lag, ", ".join(f"{value:g}" for value in vehicle.inertia_B)

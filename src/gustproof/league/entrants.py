@@ -95,7 +95,7 @@ def parse_entrant(source: str) -> Entrant:
             f"--entry '{source}': no law, file or object of that name ({error}); by name: {known}"
         ) from None
     if entry.kind is EntryKind.PROGRAM:
-        raise ConfigError(f"--entry '{source}': programs fly in `fly` and `campaign`, the league takes what repeats")
+        raise ConfigError(f"--entry '{source}': programs fly in `fly` and `worst-case`, the league takes what repeats")
     maker = source.rpartition(":")[2].removeprefix("make").strip("_")
     named = f"{entry.name}-{maker}" if entry.kind is EntryKind.PYTHON and maker else entry.name
     return Entrant(name=named.replace("_", "-"), source=source)

@@ -1,6 +1,8 @@
-"""Fly any pilot in this process and name the end of its flight."""
+"""Fly any pilot and name the end of its flight: in this process, or by MAVLink in lockstep if it is a program."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -10,6 +12,7 @@ from gustproof.entries.stepper import StepError, StepFault, make_stepper
 from gustproof.simulate.direct import fly_direct, fly_library, fly_stepper
 from gustproof.simulate.loopback import fly_by_messages, fly_loopback
 from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.simulate.processes import fly
 from gustproof.types import Records
 
 
@@ -30,7 +33,8 @@ def fly_pilot(
 ) -> PilotFlight:
     """Fly a scenario with a law or an entry and return what was flown, whatever its end.
 
-    The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown.
+    The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown. If a
+    program's set-points stop, the vehicle's own loops fly on.
 
     Raises
     ------
@@ -45,6 +49,10 @@ def fly_pilot(
     >>> fly_pilot(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
     'flown to the end'
     """
+    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+        with TemporaryDirectory() as folder:
+            flight = fly(scenario, pilot, vehicle=vehicle, seed=seed, out=Path(folder))
+            return PilotFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
     if isinstance(pilot, Entry):
         return _fly_entry(scenario, pilot, vehicle, seed, vehicle if nominal is None else nominal)
     route = fly_loopback if scenario.has_link_script else fly_direct
