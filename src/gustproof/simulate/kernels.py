@@ -273,8 +273,17 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
 
 
 @kernel
-def _measure(free: bool, acts: bool, scripted: Disturbance, params: Array, state: Array, noise: Array, time_us: int,
-             record: Array, w: int) -> None:  # fmt: skip
+def _measure(
+    free: bool,
+    acts: bool,
+    scripted: Disturbance,
+    params: Array,
+    state: Array,
+    noise: Array,
+    time_us: int,
+    record: Array,
+    w: int,
+) -> None:
     p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
     step.measure(p, x, free, False, acts, scripted, _noise_block(noise, _GYRO, w), time_us, row)
 
