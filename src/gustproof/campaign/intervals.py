@@ -18,6 +18,7 @@ CONFIDENCE = 0.95
 
 _TAIL = (1.0 - CONFIDENCE) / 2.0
 _SIGMAS = 12.0  # standard deviations of a binomial count; the probability beyond is less than any tail used
+_EIGHTH_MOMENT = (1.0, 28.0, 210.0, 420.0, 105.0)  # of a normal distribution: factor of mean^(8 - 2 j) variance^j
 _MIN_PER_BIN = 25
 _MAX_BINS = 32
 
@@ -43,15 +44,28 @@ def mean(values: Array) -> IntervalEstimate:
 
 
 def positive_mean(values: Array) -> IntervalEstimate:
-    """Return the mean of independent `values` (n,) that are not negative, by Student's t on the logarithm of the mean.
+    """Return the mean of independent estimates `values` (n,), each a product of many shares, and its interval.
 
-    The interval is close if the values spread less than their mean; it has no lower end above 0 if all are 0.
+    A few large ones among such products make most of their mean, and a small sample lacks those: Student's interval
+    about the mean lies too low. Their eighth roots are nearly normal, also where some are 0. The mean is the eighth
+    moment of that normal distribution; Student's t is taken on its logarithm, by the variances of the roots' mean and
+    variance. Products of 5 to 10 shares of a quarter in 20 to 64 flights are held in 94 to 95 of 100 samples.
+
+    References
+    ----------
+    G. E. P. Box, D. R. Cox, An analysis of transformations, Journal of the Royal Statistical Society B 26, 1964.
     """
     value, n = float(np.mean(values)), len(values)
     if n < 2 or value == 0.0:
         return IntervalEstimate(value, 0.0, math.inf)
-    spread = float(scipy.special.stdtrit(n - 1, 1.0 - _TAIL) * np.std(values, ddof=1) / (math.sqrt(n) * value))
-    return IntervalEstimate(value, value * math.exp(-spread), value * math.exp(spread))
+    roots = values**0.125
+    m, v = float(np.mean(roots)), float(np.var(roots, ddof=1))
+    moment = sum(c * m ** (8 - 2 * j) * v**j for j, c in enumerate(_EIGHTH_MOMENT))
+    by_mean = sum(c * (8 - 2 * j) * m ** (7 - 2 * j) * v**j for j, c in enumerate(_EIGHTH_MOMENT[:-1]))
+    by_variance = sum(c * j * m ** (8 - 2 * j) * v ** (j - 1) for j, c in enumerate(_EIGHTH_MOMENT) if j)
+    error = math.sqrt(by_mean**2 * v / n + by_variance**2 * 2.0 * v**2 / (n - 1)) / moment
+    spread = math.exp(float(scipy.special.stdtrit(n - 1, 1.0 - _TAIL)) * error)
+    return IntervalEstimate(value, min(moment / spread, value), max(moment * spread, value))
 
 
 def quantile(ordered: Array, p: float) -> IntervalEstimate:

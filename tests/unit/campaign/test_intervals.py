@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata, spearmanr
 
-from gustproof.campaign.intervals import importance, mean, proportion, quantile, rank_values
+from gustproof.campaign.intervals import importance, mean, positive_mean, proportion, quantile, rank_values
 
 
 def test_shares_are_those_of_clopper_and_pearson():
@@ -37,6 +37,21 @@ def test_intervals_of_a_quantile_hold_it_as_often_as_they_say():
     held = sum(found.low <= true <= found.high for found in (quantile(row, 0.9) for row in drawn))
     assert 0.95 - 4.0 * math.sqrt(0.95 * 0.05 / 2000) <= held / 2000  # exact intervals are never too narrow
     assert held < 2000
+
+
+@pytest.mark.parametrize(("levels", "size"), [(5, 32), (10, 32), (10, 20)])
+def test_intervals_of_a_product_of_shares_hold_it_as_often_as_they_say(levels, size):
+    drawn = np.prod(np.random.default_rng(2).binomial(size, 0.25, (2000, 16, levels)) / size, axis=2)
+    found = [positive_mean(row) for row in drawn]
+    held = sum(each.low <= 0.25**levels <= each.high for each in found)
+    assert held / 2000 == pytest.approx(0.95, abs=4.0 * math.sqrt(0.95 * 0.05 / 2000))
+    assert [each.value for each in found] == [float(np.mean(row)) for row in drawn]
+    assert all(each.low <= each.value <= each.high for each in found)
+
+
+def test_a_product_that_is_0_each_time_has_no_upper_bound():
+    assert positive_mean(np.zeros(16)) == (0.0, 0.0, math.inf)
+    assert positive_mean(np.array([0.25])) == (0.25, 0.0, math.inf)
 
 
 @pytest.mark.parametrize("distinct", [1, 7, 10**9])

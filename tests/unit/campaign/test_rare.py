@@ -40,7 +40,6 @@ def known(monkeypatch):
         return lambda cases: [SimpleNamespace(metrics=Metrics(**{**names, "peak_deg": peak(each)})) for each in cases]
 
     monkeypatch.setattr("gustproof.campaign.rare.make_batch_simulator", simulator)
-    monkeypatch.setattr("gustproof.campaign.rare.ENSEMBLES", 8)
 
 
 @pytest.mark.parametrize(
