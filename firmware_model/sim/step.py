@@ -299,7 +299,7 @@ def step_body(params: Lane, state: Lane, free: bool, dt: float, record: Lane) ->
 
 
 @kernel
-def begin_sample(params: Lane, state: Lane, record: Lane, work: Lane) -> None:
+def begin_steps(params: Lane, state: Lane, record: Lane, work: Lane) -> None:
     """Write what the actuators give for the record's command, for `begin_stages` in all steps of a sample."""
     given = _free_inputs(params, state, False, record).body
     put_vector(work, _COMMAND, given.torque_command_B)

@@ -46,7 +46,6 @@ LANES = 32
 """Flights in a batch: four registers of eight numbers hide each other's latency."""
 _sum, _move, _move_three = summer(LANES), mover(LANES), mover(3 * LANES)
 _STEP_SIZE = MEASURED_SIZE + 3
-_STILL: Disturbance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 _GUST, _GYRO, _ACCELEROMETER, _DRAWN = 0, 8, 11, 14
 """Rows of random numbers. Those of a block are drawn by fours, and nobody uses the last of gyro and accelerometer."""
 
@@ -202,9 +201,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         elif free:
             _limit_commands(4, params, record)
         if free:
-            for w in range(LANES):
-                p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-                step.begin_sample(p, x, row, Lane(batch.stages, LANES, w))
+            _begin_steps(params, state, record, batch.stages)
         for _ in range(steps):
             _integrate(free, params, state, dt / steps, record, batch.stages)
         _step_turbulence(params, state, noise)
@@ -262,7 +259,7 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
             _measure(free, True, scripted, params, state, noise, time_us, record, w)
     else:
         for w in range(LANES):
-            _measure(free, False, _STILL, params, state, noise, time_us, record, w)
+            _measure(free, False, scripted, params, state, noise, time_us, record, w)
     if _feels_force(batch):
         if _is_unusual(free, params, state, 0.0):
             for w in range(LANES):
@@ -494,6 +491,13 @@ def _limit_commands(rotors: int, params: Array, record: Array) -> None:
     if not within:
         for w in range(LANES):
             limit_command(Lane(params, LANES, w), rotors, Lane(record, LANES, w))
+
+
+@kernel
+def _begin_steps(params: Array, state: Array, record: Array, work: Array) -> None:
+    for w in range(LANES):
+        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
+        step.begin_steps(p, x, row, Lane(work, LANES, w))
 
 
 @kernel
