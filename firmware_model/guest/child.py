@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 _SET_PARENT_DEATH_SIGNAL = 1  # prctl(2), PR_SET_PDEATHSIG
 _EXIT_TIMEOUT_S = 1.0
 _TAIL = 4096  # bytes of its output that are searched for its last words
+_COLOUR = re.compile(r"\x1b\[[\d;]*m")
 
 
 class ChildProcess:
@@ -51,7 +53,7 @@ class ChildProcess:
     def _last_lines(self, count: int) -> str:
         with self._output.open("rb") as output:
             output.seek(max(self._output.stat().st_size - _TAIL, 0))
-            lines = output.read().decode(errors="replace").splitlines()
+            lines = _COLOUR.sub("", output.read().decode(errors="replace")).splitlines()
         return "; ".join([line.strip() for line in lines if any(map(str.isalpha, line))][-count:])
 
     def share_core(self) -> None:

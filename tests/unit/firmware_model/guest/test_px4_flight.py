@@ -145,7 +145,7 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
     [
         ("refuse", "not_armed", "Preflight Fail: waiting for the peer"),
         ("plus", "wrong_geometry", "a set-point in roll gave torques of"),
-        ("exit", "killed", "the peer gives up"),
+        ("exit", "killed", "it said last: the peer gives up"),
         ("hang", "hung", "no answer to the sample at 3.5 s in 1 s"),
         ("disarm", "disarmed", "it said last: "),
         ("land", "left_mode", "left OFFBOARD for mode"),
