@@ -419,5 +419,20 @@ def _compare(
     if begin_s is None:
         return True, f"equal to {repeat} in every bit of its {len(records)} samples"
     line = f"differs from {repeat} from {begin_s:.3f} s on, which ended as '{about['outcome']}'"
-    hint = "; a controller of one's own need not fly the same twice" if about.get("controller") else ""
-    return False, f"{line}, flown by {about['versions']}{hint}"
+    return False, f"{line}; {_reason_to_differ(about)}"
+
+
+def _reason_to_differ(about: dict[str, Any]) -> str:
+    """Return what may have changed the bits of a flight that is flown again, by what its bag tells."""
+    from gustproof.version import software_versions
+
+    now = software_versions()
+    changed = [f"{name} {number}, now {now.get(name)}" for name, number in about["versions"].items()
+               if number != now.get(name)]  # fmt: skip
+    if changed:
+        return f"it was flown with {', '.join(changed)}"
+    if about.get("controller"):
+        return "a controller of one's own need not fly the same twice"
+    if (about.get("autopilot") or {}).get("autopilot") == "px4":
+        return "PX4 arms on a thread of its own, up to a sample later, and from then on no two flights are equal"
+    return "the versions are the same"

@@ -14,6 +14,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.cli.fly import _reason_to_differ
 from gustproof.cli.laws import default_law
 from gustproof.errors import DesignError, FlightError
 from gustproof.law.form import load_law
@@ -23,6 +24,7 @@ from gustproof.simulate.direct import fly_direct
 from gustproof.simulate.flight import Flight
 from gustproof.simulate.outcome import FlightOutcome
 from gustproof.synthesis.autopilot_gains import AutopilotTuning
+from gustproof.version import software_versions
 
 
 def run(*arguments: str):
@@ -290,6 +292,20 @@ def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, dir
     assert again.exit_code == 1
     assert json.loads(again.stdout)["equal"] is False
     assert "differs from" in one_line(again)
+
+
+@pytest.mark.parametrize(
+    ("told", "reason"),
+    [
+        ({"versions": {**software_versions(), "numba": "0.1"}, "controller": {}}, "it was flown with numba 0.1, now"),
+        ({"controller": {"source": "mine.py:make"}}, "a controller of one's own need not fly the same twice"),
+        ({"autopilot": {"autopilot": "px4"}}, "PX4 arms on a thread of its own"),
+        ({"autopilot": {"autopilot": "ardupilot"}}, "the versions are the same"),
+        ({"autopilot": None}, "the versions are the same"),
+    ],
+)
+def test_a_repetition_that_differs_tells_what_may_be_the_reason(told, reason):
+    assert _reason_to_differ({"versions": software_versions(), **told}).startswith(reason)
 
 
 @pytest.mark.compiled
