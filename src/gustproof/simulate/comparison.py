@@ -73,6 +73,8 @@ def _fly(scenario: Scenario, vehicle: Vehicle, contestant: ForeignAutopilot | La
         return _make_row(contestant.name, records, measure(records, vehicle, scenario, 0.0), None)
     with TemporaryDirectory() as folder:
         flight = fly_guest(GuestPlan(scenario, contestant, vehicle, seed, real_time=False), Path(folder))
+    if flight.outcome is FlightOutcome.INTERRUPTED:
+        raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise FlightError(flight.message)
     return _make_row(contestant.name, flight.records, flight.metrics, flight.own_view)

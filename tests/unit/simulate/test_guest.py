@@ -96,6 +96,13 @@ def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pyte
         compare(SCENARIO, PLAN.vehicle, [AUTOPILOT], [1])
 
 
+def test_comparison_that_is_interrupted_ends_as_such(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    interrupted = replace(flight, outcome=FlightOutcome.INTERRUPTED)
+    monkeypatch.setattr("gustproof.simulate.comparison.fly_guest", lambda *_, **__: interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        compare(SCENARIO, PLAN.vehicle, [AUTOPILOT], [1])
+
+
 def test_cut_off_flight_is_recovered_with_its_attitude(tmp_path: Path) -> None:
     flown = fly_guest(PLAN, tmp_path)
     (recovered,) = recover(tmp_path)
