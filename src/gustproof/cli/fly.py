@@ -426,9 +426,8 @@ def _reason_to_differ(about: dict[str, Any]) -> str:
     """Return what may have changed the bits of a flight that is flown again, by what its bag tells."""
     from gustproof.version import software_versions
 
-    now = software_versions()
-    changed = [f"{name} {number}, now {now.get(name)}" for name, number in about["versions"].items()
-               if number != now.get(name)]  # fmt: skip
+    then, now = about["versions"], software_versions()
+    changed = [f"{name} {then[name]}, now {now.get(name)}" for name in then if then[name] != now.get(name)]
     if changed:
         return f"it was flown with {', '.join(changed)}"
     if about.get("controller"):
