@@ -203,6 +203,8 @@ def _response(spell: Spell) -> Iterator[_Seen]:
     witness, seen = spell.witness, spell.witness.seen
     if witness.vehicle.outcome is not VehicleOutcome.DONE or witness.vehicle.counters[RejectReason.NOT_FINITE]:
         return
+    if not witness.vehicle.flight.lockstep and (witness.is_machine_busy or witness.answers_slowly(_FEW_ANSWERS)):
+        return  # what comes late stops no kick, however right; in lockstep units and signs showed
     beyond = [answer for answer in seen.answers if _is_beyond(answer, spell.vehicle)]
     share = len(beyond) / len(seen.answers)
     motion = _Motion(spell)
