@@ -18,7 +18,7 @@ _HALVINGS = 30
 """Largest number of steps of a line search; each halves or doubles."""
 _STALL = 20
 """Number of steps over which progress is measured."""
-_CYCLES, _JOINT_STEPS = 6, 40
+_CYCLES, _JOINT_STEPS = 6, 120
 _FIRST_STEP, _LEAST_SHARE = 0.1, 1e-3
 """[-] relative size of the first step, and part of the largest parameter as which smaller ones count in it."""
 _NEAR = 0.05
