@@ -205,7 +205,8 @@ class _Design(NamedTuple):
         if self.gamma is not None:
             return [self.gamma]
         levels = [factor * self.backoff * gamma_opt for factor in (1.0, *_HIGHER)]
-        return [*levels, *(level for level in (_NEAR_ZERO * size,) if level > levels[-1])]
+        last = _NEAR_ZERO * size
+        return [*levels, last] if last > levels[-1] else levels
 
     def _check_loop(self, K: Lti, units: Units, gamma_opt: float, level: float, solution: _Solution) -> HinfResult:
         """Return a controller with the norm of the loop that it closes; raise if its level is exceeded.
