@@ -37,7 +37,8 @@ _EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
 _LAW_INSIDE = "gustproof"  # module of `gustproof export --px4`, and its array of set-points
 _DIALECT = Dialect(wire.MAV_AUTOPILOT_PX4, "OFFBOARD", (_OFFBOARD, 0.0), _OFFBOARD << 16)
 _INSIDE = Dialect(wire.MAV_AUTOPILOT_PX4, "the law's own mode", _EXTERNAL, 4 << 16 | 11 << 24, array_name=_LAW_INSIDE)
-_LINK = "mavlink start -x -u {port} -r 4000000 -f -m onboard"  # the only one: others would take time from each sample
+# The only one, without PX4's usual streams: each takes time from its samples, and from ours to read it.
+_LINK = "mavlink start -x -u {port} -r 4000000 -f -m custom"
 _MODEL = "none_iris"  # an airframe without a simulator of its own; all of its geometry is replaced
 _SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of instance 0
 _INSTANCES = 200
