@@ -12,7 +12,7 @@ from gustproof.baselines.rotation_estimate import (
     rotation_error,
     rotation_matrix,
     rotation_vector,
-    shortened,
+    shorten,
 )
 
 DRAWN = Rotation.random(20, rng=np.random.default_rng(1))
@@ -63,5 +63,5 @@ def test_errors_of_drawn_rotations():
 
 
 def test_only_a_long_vector_is_shortened():
-    assert shortened((0.1, 0.2, -0.2), 0.31) == (0.1, 0.2, -0.2)
-    assert shortened((3.0, 0.0, -4.0), 1.0) == pytest.approx((0.6, 0.0, -0.8))
+    assert shorten((0.1, 0.2, -0.2), 0.31) == (0.1, 0.2, -0.2)
+    assert shorten((3.0, 0.0, -4.0), 1.0) == pytest.approx((0.6, 0.0, -0.8))
