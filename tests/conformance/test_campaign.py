@@ -200,7 +200,7 @@ def test_a_dask_cluster_that_loses_a_worker_leaves_the_same_bytes(dask, campaign
 
 def test_a_run_is_flown_again_over_udp_to_the_same_bits(table, script, tmp_path) -> None:
     run = CASES + 5
-    options = ["--law", LAWS[1], "--run", f"{table}:{run}", "--out", str(tmp_path / "again"), "--no-tlog", "--json"]
+    options = ["--law", LAWS[1], "--run", f"{table}:{run}", "--output", str(tmp_path / "again"), "--no-tlog", "--json"]
     again = CliRunner().invoke(app, ["fly", str(script), *options])
     assert again.exit_code == 0, again.stderr
     assert again.stderr == f"gustproof: equal to run {run} of {table} in every bit of its figures\n"

@@ -20,7 +20,7 @@ ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
 
 def start(tmp_path: Path, *, duration_s: float) -> subprocess.Popen[str]:
     (tmp_path / "long.toml").write_text(LONG.format(duration_s))
-    arguments = ["fly", "long.toml", "--law", "hinf-d1", "--out", "run", "--json"]
+    arguments = ["fly", "long.toml", "--law", "hinf-d1", "--output", "run", "--json"]
     process = subprocess.Popen(
         [sys.executable, "-m", "gustproof", *arguments],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -73,7 +73,7 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
     path = os.pathsep.join(filter(None, (str(KILLER), os.environ.get("PYTHONPATH"))))
     kill = {"PYTHONPATH": path, "KILL": " ".join((*victims, str(moment))), "TMPDIR": str(temporary)}
     if "fly" in victims:
-        assert fly(tmp_path, "--out", str(run), env={**os.environ, **kill}).returncode == -9
+        assert fly(tmp_path, "--output", str(run), env={**os.environ, **kill}).returncode == -9
         wait_for_the_processes_of(run)
         recovered = CliRunner().invoke(app, ["recover", str(run), "--json"])
         assert recovered.exit_code == 0, recovered.stderr
@@ -81,7 +81,7 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
         assert (told["outcome"], told["scenario"], told["law"], told["seed"]) == ("cut_off", "gusty", "hinf-d1", 3)
     else:  # this process can run the command: it is not killed
         (tmp_path / "gusty.toml").write_text(SCRIPT)
-        flown = ["fly", str(tmp_path / "gusty.toml"), "--law", "hinf-d1", "--seed", "3", "--out", str(run)]
+        flown = ["fly", str(tmp_path / "gusty.toml"), "--law", "hinf-d1", "--seed", "3", "--output", str(run)]
         assert CliRunner().invoke(app, flown, env=kill).exit_code == 3
     about, records = read_bag(run / NAME)
     assert about["law"]["name"] == "hinf-d1"
@@ -121,7 +121,7 @@ def test_files_at_their_largest_size_end_the_flight_in_one_line_and_keep_it(tmp_
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
     run = tmp_path / "run"
-    ended = fly(tmp_path, "--out", str(run), "--no-tlog", preexec_fn=limit)
+    ended = fly(tmp_path, "--output", str(run), "--no-tlog", preexec_fn=limit)
     full_disk_is_told_and_nothing_is_lost(ended, run, "File too large")
     is_recovered(run, undisturbed)
 
@@ -141,7 +141,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_ends_the_flight_in_one_line_and_keeps_it(tmp_path, small_disk, undisturbed):
     run = small_disk / "run"
-    ended = fly(tmp_path, "--out", str(run))
+    ended = fly(tmp_path, "--output", str(run))
     full_disk_is_told_and_nothing_is_lost(ended, run, "No space left on device")
     subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True, timeout=30)
     is_recovered(run, undisturbed)

@@ -117,14 +117,14 @@ def test_repeat_flies_an_object_again_and_says_where_it_is_not_the_same(entry, t
     scenario = tmp_path / "short.toml"
     scenario.write_text('description = "short"\nduration_s = 0.4\n')
     mine = entry("self.angle[0] += 1e-9 * random.random()")
-    first = run(str(scenario), "--controller", mine.source, "--out", str(tmp_path / "a"))
+    first = run(str(scenario), "--controller", mine.source, "--output", str(tmp_path / "a"))
     about, _ = read_bag(find_bag(tmp_path / "a"))
     assert (about["controller"], json.loads(first.stdout)["controller"]) == (mine.to_dict(), mine.to_dict())
-    again = run("--repeat", str(tmp_path / "a"), "--out", str(tmp_path / "b"))
+    again = run("--repeat", str(tmp_path / "a"), "--output", str(tmp_path / "b"))
     assert again.exit_code == 1
     assert "differs from" in again.stderr
     assert "from 0.200 s on" in again.stderr
     entry("pass")
-    changed = run("--repeat", str(tmp_path / "a"), "--out", str(tmp_path / "c"))
+    changed = run("--repeat", str(tmp_path / "a"), "--output", str(tmp_path / "c"))
     assert changed.exit_code == 2
     assert "has changed since" in changed.stderr

@@ -110,7 +110,7 @@ def test_code_is_copied_without_prompts(opened):
     browser.run("document.querySelectorAll('.copied button')[1].click()")
     wait_for(browser, "globalThis.copied")
     assert browser.run("copied").splitlines() == [
-        "gustproof fly gust-roll --law hinf-d1 --out paper",
+        "gustproof fly gust-roll --law hinf-d1 --output paper",
         "gustproof report ours paper -o compare.html",
     ]
 

@@ -60,14 +60,14 @@ def law_file(name: str, content: str | bytes | Callable[[Path], object], file: s
     @case(f"law: {name}")
     def files(folder: Path) -> tuple[str, ...]:
         _write(folder / file, content)
-        return "fly", "calm", "--law", file, "--out", "out"
+        return "fly", "calm", "--law", file, "--output", "out"
 
 
 def scenario_file(name: str, content: str | bytes | Callable[[Path], object], file: str = "mine.toml") -> None:
     @case(f"scenario: {name}")
     def files(folder: Path) -> tuple[str, ...]:
         _write(folder / file, content)
-        return ("scenario", "check", file) if "check" in name else ("fly", file, "--law", "hinf-d1", "--out", "out")
+        return ("scenario", "check", file) if "check" in name else ("fly", file, "--law", "hinf-d1", "--output", "out")
 
 
 def _write(path: Path, content: str | bytes | Callable[[Path], object]) -> None:
@@ -200,7 +200,7 @@ def no_body(folder: Path) -> tuple[str, ...]:
     text = (VEHICLES / "iris.toml").read_text()
     begin, end = text.index("inertia_B"), text.index("]\n", text.index("inertia_B"))
     (folder / "mine.toml").write_text(f"{text[:begin]}inertia_B = [0.02, 0.02, 0.4{text[end:]}")
-    return "fly", "calm", "--law", "hinf-d1", "--vehicle", "mine.toml", "--out", "out"
+    return "fly", "calm", "--law", "hinf-d1", "--vehicle", "mine.toml", "--output", "out"
 
 
 @case("vehicle: device")
@@ -235,7 +235,7 @@ def bomb(size: int) -> bytes:
 def bag(name: str, content: Callable[[], bytes] | Callable[[Path], object], *, made: bool = True) -> None:
     for command in (
         ("report", "bag"),
-        ("fly", "--repeat", "bag", "--out", "out"),
+        ("fly", "--repeat", "bag", "--output", "out"),
         ("scenario", "extract", "bag", "-o", "a.csv"),
     ):
 
@@ -263,7 +263,7 @@ def flown(name: str, note: dict[str, Any]) -> None:
         records = np.zeros(10, dtype=np.dtype(("V", 8 * WIDTH))).view(_record())
         records["time_us"] = np.arange(10) * 4000.0
         write_bag(folder / "bag", records, note)
-        return "fly", "--repeat", "bag", "--out", "out"
+        return "fly", "--repeat", "bag", "--output", "out"
 
     @case(f"journal: {name}")
     def journal(folder: Path) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ def client_command(name: str, folder: Path) -> str:
 def test_client_of_the_guide_flies_and_is_found_sound(name, folder):
     command = client_command(name, folder)
     (folder / "second.toml").write_text('description = "calm air"\nduration_s = 1.0\n')
-    result = run("fly", folder / "second.toml", "--controller", command, "--out", folder / name, "--json")
+    result = run("fly", folder / "second.toml", "--controller", command, "--output", folder / name, "--json")
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
     assert (told["outcome"], told["controller"]["source"]) == ("done", command)
@@ -84,7 +84,7 @@ def test_flights_of_clients_are_shown_on_a_page_and_repeated_to_the_bit(folder):
     for each in flown:
         assert each.name.removesuffix(".c") in page.read_text()
     if folder / "client.c" in flown:
-        result = run("fly", "--repeat", folder / "client.c", "--out", folder / "again")
+        result = run("fly", "--repeat", folder / "client.c", "--output", folder / "again")
         assert (result.exit_code, "equal to" in result.stderr) == (0, True)
 
 
@@ -149,7 +149,7 @@ def test_guard_ends_a_stubborn_program_with_all_that_it_has_started(ending, tmp_
 
 
 def test_program_that_is_not_there_is_told_before_anything_starts(tmp_path):
-    result = run("fly", "calm", "--controller", "exec: no-such-program", "--out", str(tmp_path / "out"))
+    result = run("fly", "calm", "--controller", "exec: no-such-program", "--output", str(tmp_path / "out"))
     assert result.exit_code == 2
     assert "there is no program 'no-such-program'" in result.stderr
     assert list(tmp_path.iterdir()) == []

@@ -39,7 +39,7 @@ def run(tmp_path_factory):
     law = json.loads(Path(sys.modules["gustproof.law.form"].LAWS / "hinf-scheduled.json").read_text())
     (folder / "mine.json").write_text(json.dumps({**law, "name": "mine"}))
     ended = fly(
-        folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--anyway", "--seed", "5", "--out", "run1",
+        folder, "short.toml", "--law", "mine.json", "--vehicle", "iris", "--anyway", "--seed", "5", "--output", "run1",
         "--json",
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
@@ -53,7 +53,7 @@ def mcap(run: Path) -> Path:
 
 
 def test_a_flight_is_flown_again_from_its_bag_alone_byte_for_byte(run):
-    again = fly(run.parent, "--repeat", "run1", "--out", "run2", "--json")
+    again = fly(run.parent, "--repeat", "run1", "--output", "run2", "--json")
     assert again.returncode == 0, again.stderr
     assert again.stderr.strip() == "gustproof: equal to run1 in every bit of its 500 samples"
     assert mcap(run.parent / "run2").read_bytes() == mcap(run).read_bytes()

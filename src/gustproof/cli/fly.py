@@ -103,8 +103,9 @@ def fly(
     ] = False,
     tlog: Annotated[bool, typer.Option(help="Write the MAVLink traffic as .tlog beside the bag.")] = True,
     anyway: Anyway = False,
-    out: Annotated[
-        Path | None, typer.Option(help="New folder for the recording [default: a fresh one in runs/].")
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="New folder for the recording [default: a fresh one in runs/]."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -165,7 +166,7 @@ def fly(
         pilots = [_find_pilot(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws]
         plans = _make_plans(script, pilots, seed, real_time=real_time)
     session = _Session(plans, repeat, table_run, tlog=tlog, as_json=as_json)
-    session.run(make_run_folder(out, "fly"), out, view=view)
+    session.run(make_run_folder(output, "fly"), output, view=view)
 
 
 def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:

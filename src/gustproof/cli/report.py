@@ -13,7 +13,7 @@ from gustproof.recording.layout import LAYOUTS, save_layout
 
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(help="Folders of `gustproof fly --out` or bags, or the table of one campaign.")
+        list[Path], typer.Argument(help="Folders of `gustproof fly --output` or bags, or the table of one campaign.")
     ],
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Write the page here (.html), or a layout (.json, .xml).")
@@ -23,9 +23,9 @@ def report(
 
     The page is one HTML file that opens without a network. Every group of charts can be saved as PNG.
 
-        gustproof fly paper --law hinf-d1 --out run1
+        gustproof fly paper --law hinf-d1 --output run1
 
-        gustproof fly paper --law pid-fair --out run2
+        gustproof fly paper --law pid-fair --output run2
 
         gustproof report run1 run2 -o report.html
 

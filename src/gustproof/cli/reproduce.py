@@ -20,7 +20,9 @@ class FigureFile(Enum):
 
 
 def reproduce(
-    out: Annotated[Path | None, typer.Option(help="New folder for results [default: a fresh one in runs/].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="New folder for results [default: a fresh one in runs/].")
+    ] = None,
     seeds: Annotated[
         int, typer.Option(min=1, help="Fly with the seeds 1 to this number; figures are medians over them.")
     ] = 3,
@@ -39,7 +41,7 @@ def reproduce(
 
         gustproof reproduce --figures pdf --style paper --data
 
-        gustproof reproduce --seeds 1 --out /tmp/paper --json
+        gustproof reproduce --seeds 1 --output /tmp/paper --json
 
     Another vehicle flies cascades tuned for it, beside those of the laws that are stable there.
 
@@ -53,7 +55,7 @@ def reproduce(
     vehicles = load_vehicle_set(vehicle)
     with progress("starting", quiet=as_json) as show_progress:
         laws = paper.find_laws(vehicles, anyway=anyway, progress=show_progress)
-        folder = make_run_folder(out, "reproduce")
+        folder = make_run_folder(output, "reproduce")
         with figures_as(style, data=data, suffix=f".{figures.value}"):
             result = paper.reproduce(vehicles.nominal, range(1, seeds + 1), folder, show_progress, laws)
     if as_json:

@@ -229,14 +229,19 @@ def append(*systems: "Uncertain | LinearSystem | ArrayLike") -> Uncertain:
     (3, 3, 1)
     """
     parts = [as_uncertain(system) for system in systems]
-    times = {part.M.dt for part in parts if part.M.order or part.M.dt}
-    if len(times) > 1:
-        raise ValueError(f"sample times differ: {' s and '.join(str(time) for time in sorted(times))} s")
+    dt = _sample_time(parts)
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(part.M, name) for part in parts)) for name in ("A", "B", "C", "D"))
-    together = Lti(A=A, B=B, C=C, D=D, dt=max(times, default=0.0))
+    together = Lti(A=A, B=B, C=C, D=D, dt=dt)
     inputs = _put_delta_first([(part.n_w, part.n_inputs) for part in parts])
     outputs = _put_delta_first([(part.n_z, part.n_outputs) for part in parts])
     return _merge_blocks(together.subsystem(outputs, inputs), [block for part in parts for block in part.blocks])
+
+
+def _sample_time(parts: Sequence[Uncertain]) -> float:
+    times = {part.M.dt for part in parts if part.M.order or part.M.dt}
+    if len(times) > 1:
+        raise ValueError(f"sample times differ: {' s and '.join(str(time) for time in sorted(times))} s")
+    return max(times, default=0.0)
 
 
 def star(P: "Uncertain | LinearSystem", Q: "Uncertain | LinearSystem", n_y: int, n_u: int) -> Uncertain:

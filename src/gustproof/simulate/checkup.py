@@ -91,7 +91,7 @@ def _numbers(text: str) -> tuple[int, ...]:
 def check_folder(folder: Path) -> Check:
     """Check that recordings can be written to a folder."""
     if not os.access(folder, os.W_OK):
-        return Check("folder", Status.WARNING, f"{folder}: not writable", "start elsewhere, or give commands --out")
+        return Check("folder", Status.WARNING, f"{folder}: not writable", "start elsewhere, or give --output")
     free = shutil.disk_usage(folder).free
     found = f"{folder}: writable, {free / 1e9:.1f} GB free"
     if free < _FREE_DISK:

@@ -163,7 +163,7 @@ def test_an_event_that_the_vehicle_can_not_have_is_one_line(event, words, tmp_pa
     path = tmp_path / "mine.toml"
     path.write_text(f"description = 'x'\nduration_s = 1.0\ntranslation = 'free'\n[[event]]\nat_s = 0.5\n{event}\n")
     for arguments in (("fly", str(path), "--law"), ("campaign", str(path), "--law")):
-        result = run(*arguments, "pid-default", "--vehicle", "iris", "--out" if arguments[0] == "fly" else "-o",
+        result = run(*arguments, "pid-default", "--vehicle", "iris", "--output" if arguments[0] == "fly" else "-o",
                      str(tmp_path / "out.parquet"))  # fmt: skip
         assert result.exit_code == 2
         assert words in one_line(result)
@@ -171,7 +171,7 @@ def test_an_event_that_the_vehicle_can_not_have_is_one_line(event, words, tmp_pa
 
 def test_a_taken_output_folder_is_refused(tmp_path):
     (tmp_path / "mine").touch()
-    result = run("fly", "paper", "--law", "hinf-d1", "--out", str(tmp_path))
+    result = run("fly", "paper", "--law", "hinf-d1", "--output", str(tmp_path))
     assert result.exit_code == 2
     assert "nothing is overwritten" in one_line(result)
 
@@ -229,7 +229,7 @@ def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatc
         raise FlightError(f"{plan.pilot.name} was asked to fly {plan.scenario.name}")
 
     monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
-    result = run("fly", "calm", "--out", str(tmp_path / "out"))
+    result = run("fly", "calm", "--output", str(tmp_path / "out"))
     assert "flagship was asked to fly calm" in one_line(result)
     assert "[default: flagship]" in run("controller", "--help").stdout
 
@@ -242,7 +242,7 @@ def test_a_flight_leaves_its_bag_whatever_its_end_and_its_status_says_which(
     outcome, status, tmp_path, second, end_flight
 ):
     end_flight(second, outcome)
-    result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--out", str(tmp_path / "out"))
+    result = run("fly", "calm", "--law", "hinf-d1", "--seed", "5", "--json", "--output", str(tmp_path / "out"))
     assert result.exit_code == status
     told = json.loads(result.stdout)
     assert set(Metrics.__dataclass_fields__) < set(told)
@@ -264,9 +264,9 @@ def direct(end_flight):
 @pytest.mark.compiled
 def test_anyway_flies_what_is_refused_and_warns_of_it(tmp_path, direct):
     refused = ("calm", "--law", "pid-fair", "--vehicle", "iris")
-    plain = run("fly", *refused, "--anyway", "--out", str(tmp_path / "plain"))
+    plain = run("fly", *refused, "--anyway", "--output", str(tmp_path / "plain"))
     assert plain.exit_code == 0
-    told = json.loads(run("fly", *refused, "--anyway", "--json", "--out", str(tmp_path / "json")).stdout)["warnings"]
+    told = json.loads(run("fly", *refused, "--anyway", "--json", "--output", str(tmp_path / "json")).stdout)["warnings"]
     assert "unstable" in told[0]
     assert len(told) == 2
     assert plain.stderr == "".join(f"gustproof: warning: {line}\n" for line in told)
@@ -276,8 +276,8 @@ def test_anyway_flies_what_is_refused_and_warns_of_it(tmp_path, direct):
 @pytest.mark.compiled
 def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
-    assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
-    again = run("fly", "--repeat", first, "--json", "--out", second)
+    assert run("fly", "calm", "--law", "pid-fair", "--output", first).exit_code == 0
+    again = run("fly", "--repeat", first, "--json", "--output", second)
     assert again.exit_code == 0
     assert json.loads(again.stdout)["equal"] is True
     assert again.stderr == f"gustproof: equal to {first} in every bit of its 15000 samples\n"
@@ -286,9 +286,9 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
 @pytest.mark.compiled
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
-    assert run("fly", "calm", "--law", "pid-fair", "--out", first).exit_code == 0
+    assert run("fly", "calm", "--law", "pid-fair", "--output", first).exit_code == 0
     monkeypatch.setattr("gustproof.simulate.flight.first_difference_s", lambda *_: 0.5)
-    again = run("fly", "--repeat", first, "--json", "--out", second)
+    again = run("fly", "--repeat", first, "--json", "--output", second)
     assert again.exit_code == 1
     assert json.loads(again.stdout)["equal"] is False
     assert "differs from" in one_line(again)
@@ -311,8 +311,8 @@ def test_a_repetition_that_differs_tells_what_may_be_the_reason(told, reason):
 @pytest.mark.compiled
 def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
-    assert run("fly", "calm", "--law", "pid-fair", "--real-time", "--out", first).exit_code == 0
-    again = run("fly", "--repeat", first, "--json", "--out", second)
+    assert run("fly", "calm", "--law", "pid-fair", "--real-time", "--output", first).exit_code == 0
+    again = run("fly", "--repeat", first, "--json", "--output", second)
     assert again.exit_code == 0
     assert json.loads(again.stdout)["equal"] is None
     assert one_line(again) == (
@@ -324,7 +324,7 @@ def test_a_repetition_of_a_real_time_flight_says_that_nothing_is_compared(tmp_pa
 def test_a_report_is_not_written_over_another_file(tmp_path, direct):
     page = tmp_path / "report.html"
     page.write_text("mine")
-    assert run("fly", "calm", "--law", "pid-fair", "--out", str(tmp_path / "run")).exit_code == 0
+    assert run("fly", "calm", "--law", "pid-fair", "--output", str(tmp_path / "run")).exit_code == 0
     refused = run("report", str(tmp_path / "run"), "-o", str(page))
     assert (refused.exit_code, page.read_text()) == (2, "mine")
     assert one_line(refused) == f"gustproof: {page}: exists already; nothing is overwritten"
@@ -336,7 +336,7 @@ def test_references_that_a_law_ignores_are_warned_of_once(law, tmp_path, direct)
     turn = 'kind = "attitude"\nat_s = 0.5\neuler_deg = [5.0, 0.0, 0.0]\n'
     (tmp_path / "turn.toml").write_text(f'description = "turn"\nduration_s = 1.0\n[[event]]\n{turn}')
     plain, json_ = (
-        run("fly", str(tmp_path / "turn.toml"), "--law", law, "--out", str(tmp_path / str(i)), *form)
+        run("fly", str(tmp_path / "turn.toml"), "--law", law, "--output", str(tmp_path / str(i)), *form)
         for i, form in enumerate(((), ("--json",)))
     )
     told = json.loads(json_.stdout)["warnings"]
@@ -354,7 +354,7 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(
     end_flight(second)
     monkeypatch.setattr("gustproof.simulate.recorder.write_bag", interrupted)
     out = tmp_path / "out"
-    result = run("fly", "calm", "--law", "hinf-d1", "--out", str(out))
+    result = run("fly", "calm", "--law", "hinf-d1", "--output", str(out))
     assert result.exit_code == 130
     assert result.stderr.strip().endswith(f"restore it by gustproof recover {out}")
     assert [path.name for path in out.iterdir()] == ["calm.journal"]

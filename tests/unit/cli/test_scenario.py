@@ -101,7 +101,7 @@ def flown(tmp_path, monkeypatch, second):
 
         monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
         (tmp_path / "mine.toml").write_text(text)
-        return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--out", str(tmp_path / "out"), *options)
+        return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--output", str(tmp_path / "out"), *options)
 
     return run_it
 

@@ -81,7 +81,7 @@ fly folder --law hinf-d1
 fly /dev/zero --law hinf-d1
 fly zero.toml --law hinf-d1
 fly paper extra --law hinf-d1
-fly paper --out folder --law hinf-d1
+fly paper --output folder --law hinf-d1
 fly paper --nothing
 scenario check nowhere
 scenario check bom.toml
@@ -256,7 +256,7 @@ autopilot --bind-port 70000
 autopilot --air nowhere
 reproduce --seeds 0
 reproduce --vehicle bike
-reproduce --out folder
+reproduce --output folder
 doctor extra
 judge hinf-d1 --vehicle paper --air nowhere
 judge hinf-d1 --vehicle paper --moment x

@@ -45,7 +45,7 @@ def test_the_tutorial_ends_with_every_file_that_it_promises(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     log_page = [line for line in commands("log") if "my-log" in line or "my-air" in line]
     steps = dict.fromkeys([*commands("tutorial"), *log_page])
-    told = walk([*steps], failing=("gustproof fly gust-roll --law hinf-d1 --out paper",))
+    told = walk([*steps], failing=("gustproof fly gust-roll --law hinf-d1 --output paper",))
     page = (GUIDE / "tutorial.md").read_text(encoding="utf-8")
     promised = re.findall(r"`([\w.-]+)`", page.partition("## What you have now")[2].rpartition("|")[0])
     assert len(promised) >= 15

@@ -81,7 +81,7 @@ INSTEAD = (
     (r"^fly --repeat runs/fly-001", "fly --repeat runs/fly-002"),  # the first one fails its requirement
 )
 NEEDS_BUILD = re.compile(r"--(build|inside) ")
-WITH_PNG = "reproduce --out paper --seeds 3"
+WITH_PNG = "reproduce --output paper --seeds 3"
 """Run with figures as PDF; tests of `reproduce` draw them as PNG."""
 ELSEWHERE = re.compile(r"\"exec: ")
 IN_ROOMS = {
@@ -98,7 +98,7 @@ FOR_THE_PAPER = "analyse my.params"
 """The gains of this page are flown on the paper's vehicle, those of pages before it are for another."""
 NOT_PROVED = Certificate(statement="", gain=3.0, lower_bound=2.0, proven=False, assumes={}, evidence={}, residual=0.0)
 INTERRUPTED = re.compile(r"^autopilot --instance")
-OUTPUTS = {"-o", "--out", "--report", "--c", "--mat", "--csv", "--px4", "--ardupilot", "--figure", "--schemas"}
+OUTPUTS = {"-o", "--output", "--report", "--c", "--mat", "--csv", "--px4", "--ardupilot", "--figure", "--schemas"}
 FAILS = ("fly coning --law hinf-d1", "fly worst.toml --law hinf-d1", "judge ")
 """Commands with status 1 where a requirement fails, or gains are fragile; the others end with status 0."""
 
@@ -212,7 +212,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(realtime, "request_fifo_scheduling", lambda: False)
     patch.setattr(udp, "serve_lockstep", meet)
     patch.setattr(udp, "serve", lambda endpoint, *_, **__: endpoint.interrupt())
-    assert run("fly identify --law flagship --out my-log")[1] == []  # as the tutorial does
+    assert run("fly identify --law flagship --output my-log")[1] == []  # as the tutorial does
 
 
 @contextmanager
