@@ -40,7 +40,7 @@ class LoopSignals(NamedTuple):
 
 
 class Autopilot(NamedTuple):
-    """Loops of an autopilot."""
+    """Parameters of an autopilot's rate and attitude loops, and how to read a file of them."""
 
     name: str
     """Name for users."""

@@ -191,12 +191,15 @@ class _Modes(NamedTuple):
 
 
 def _settle(Phi: Array, sizes: Array, x: Array, wrong: Array) -> _Modes:
-    """Return the modes' sums from the last states x, which are within `wrong` of the true ones; `sizes` is |x|.
+    """Return the modes of x+ = Phi x, and bounds of the sums of their sizes over all samples from states x on.
+
+    The states (m, k) are those of k responses after the simulated samples. The true ones are within `wrong` (m,) of
+    them, and `sizes` is |x|.
 
     Raises
     ------
     Refusal
-        If no sums are found: the loop is unstable, or T is too close to singular.
+        If no sums are found: the loop is unstable, or its modes are not separated.
     """
     m = len(Phi)
     basis = np.linalg.eig(Phi)[1]

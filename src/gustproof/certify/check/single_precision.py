@@ -126,7 +126,16 @@ def bound_rounding(
 def _fixed_point(
     system: LoopSystem, norms: list[AxisNorms], box: Box, errors: list[Fraction], form: Form
 ) -> list[list[Fraction]]:
-    """Return bounds of the difference of the flights that map below themselves."""
+    """Return bounds of the difference between a flight in single precision and in exact numbers, by axis and signal.
+
+    A sample maps flights within these bounds to flights within them, so they hold for ever. They are searched by
+    mapping and widening.
+
+    Raises
+    ------
+    Refusal
+        If none are found in `_ROUNDS` steps.
+    """
     difference = [[Fraction(0)] * len(row) for row in box]
     for _ in range(_ROUNDS):
         follows = _map(system, norms, box, difference, errors, form)
