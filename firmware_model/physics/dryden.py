@@ -138,8 +138,8 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     v = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
     w = _transverse(spectrum.sigma_w, spectrum.transverse * spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
     # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
-    u = _longitudinal(spectrum.sigma_u, spectrum.L_u / V, dt)
-    p = _longitudinal(spectrum.sigma_p, 4.0 * span / (math.pi * V), dt)
+    u = _first_order(spectrum.sigma_u, spectrum.L_u / V, dt)
+    p = _first_order(spectrum.sigma_p, 4.0 * span / (math.pi * V), dt)
     v_r = TransverseParams._make((*v.numbers, math.pi / (3.0 * span)))
     w_q = TransverseParams._make((*w.numbers, -math.pi / (4.0 * span)))
     factor = np.zeros((8, 8))
@@ -149,7 +149,7 @@ def dryden_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dr
     return DrydenParams(*u, *p, v_r, w_q), factor
 
 
-def _longitudinal(sigma: float, tau: float, dt: float) -> tuple[float, float]:
+def _first_order(sigma: float, tau: float, dt: float) -> tuple[float, float]:
     """Return a and b of the filter of u or p, sigma sqrt(2 tau) / (1 + tau s)."""
     with localcontext(prec=DIGITS):
         steps = Decimal(dt) / Decimal(tau)

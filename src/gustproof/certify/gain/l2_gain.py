@@ -208,9 +208,9 @@ def certify_lft(
     ------
     ValueError
         If the level is not positive, or a block's name no word. If the loop is discrete, unstable at Delta = 0, or
-        closed without inputs or outputs. If
-        `speeds` or `parts` name no block, or a block is neither a real parameter nor a part. If the loop is not
-        stable with a sector or slope of 1: a saturated loop with a pole on the axis has no gain.
+        closed without inputs or outputs. If `speeds` or `parts` name no block, or a block is neither a real parameter
+        nor a part. If the loop is not stable with a sector or slope of 1: a saturated loop with a pole on the axis has
+        no gain.
 
     References
     ----------
