@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import ir
 from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -59,27 +60,32 @@ def kernel(function: Function) -> Function:
     return cast(Function, register_jitable(**_OPTIONS)(function))
 
 
-def use_wide_registers() -> None:
-    """Compile the calling entry point for registers as wide as a cache line, if there are any; in Python do nothing.
+def expect_simd() -> None:
+    """Compile the calling entry point for loops over flights; in Python do nothing.
 
-    LLVM prefers half of that, as the first processors with such registers lowered their clock for them. And it spills
-    registers to the stack at any address: one that lies across two lines takes twice the time, so the stack is aligned.
+    Its arrays must not overlap: LLVM then need not find that out before each loop. It may use registers as wide as a
+    cache line, if there are any. It prefers half of that, as the first processors with such registers lowered their
+    clock for them. And it spills registers to the stack at any address: one that lies across two lines takes twice the
+    time, so the stack is aligned.
     """
 
 
-def _wide_registers(_: Any) -> Any:
+def _simd_attributes(_: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         attributes = builder.function.attributes
         attributes.alignstack = _CACHE_LINE
         attributes.add("nounwind")  # llvmlite drops an alignment that stands alone; compiled code never unwinds
         set.add(attributes, f'"prefer-vector-width"="{8 * _CACHE_LINE}"')  # llvmlite's own `add` knows no such name
+        for argument in builder.function.args:
+            if isinstance(argument.type, ir.PointerType):
+                argument.add_attribute("noalias")
         return context.get_dummy_value()
 
     return types.void(), generate
 
 
-_set_wide_registers = intrinsic(_wide_registers)
-overload(use_wide_registers, inline="always")(lambda: lambda: _set_wide_registers())
+_set_simd_attributes = intrinsic(_simd_attributes)
+overload(expect_simd, inline="always")(lambda: lambda: _set_simd_attributes())
 
 
 def compiled(function: Function) -> Function:

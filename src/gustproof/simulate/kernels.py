@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.numerics import random
-from firmware_model.numerics.compiled import compiled, kernel, use_wide_registers
+from firmware_model.numerics.compiled import compiled, expect_simd, kernel
 from firmware_model.numerics.elementary import BLOCK, arctan2, inverse_normals, uniforms
 from firmware_model.numerics.soa import Lane, aligned_zeros, mover, summer
 from firmware_model.physics.disturbances import Disturbance, disturbance
@@ -160,14 +160,14 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
 @compiled
 def fly_on_stand(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch on the test stand, see `_fly`."""
-    use_wide_registers()
+    expect_simd()
     _fly(False, shared, batch)
 
 
 @compiled
 def fly_free(shared: BatchSetup, batch: Batch) -> None:
     """Fly a batch in free flight, see `_fly`."""
-    use_wide_registers()
+    expect_simd()
     _fly(True, shared, batch)
 
 
