@@ -27,6 +27,36 @@ Word = np.uint64
 """A number below 2^32, held in 64 bits so that products fit."""
 Words = tuple[Word, Word, Word, Word]
 
+Eight = tuple[float, float, float, float, float, float, float, float]
+
+
+def _eight(text: str) -> Eight:
+    a, b, c, d, e, f, g, h = map(float, text.split())
+    return a, b, c, d, e, f, g, h
+
+
+# Numerators and denominators of Wichura's quantile and the logarithm's series, from the lowest power on.
+_CENTRAL_N = _eight(
+    "3.3871328727963666080e0 1.3314166789178437745e2 1.9715909503065514427e3 1.3731693765509461125e4 "
+    "4.5921953931549871457e4 6.7265770927008700853e4 3.3430575583588128105e4 2.5090809287301226727e3"
+)
+_CENTRAL_D = _eight(
+    "1.0 4.2313330701600911252e1 6.8718700749205790830e2 5.3941960214247511077e3 "
+    "2.1213794301586595867e4 3.9307895800092710610e4 2.8729085735721942674e4 5.2264952788528545610e3"
+)
+_LOG = _eight(
+    "6.666666666666735130e-01 3.999999999940941908e-01 2.857142874366239149e-01 2.222219843214978396e-01 "
+    "1.818357216161805012e-01 1.531383769920937332e-01 1.479819860511658591e-01 0.0"
+)
+_TAIL_N = _eight(
+    "1.42343711074968357734e0 4.63033784615654529590e0 5.76949722146069140550e0 3.64784832476320460504e0 "
+    "1.27045825245236838258e0 2.41780725177450611770e-1 2.27238449892691845833e-2 7.74545014278341407640e-4"
+)
+_TAIL_D = _eight(
+    "1.0 2.05319162663775882187e0 1.67638483018380384940e0 6.89767334985100004550e-1 "
+    "1.48103976427480074590e-1 1.51986665636164571966e-2 5.47593808499534494600e-4 1.05075007164441684324e-9"
+)
+
 _U32 = np.uint64(0xFFFFFFFF)
 _32 = np.uint64(32)
 # The tails are outside 0.075..0.925, told by the bits, which grow with a positive number: the fastest test.
@@ -96,9 +126,7 @@ def log(x: float) -> float:
     f = np.int64(bits - (k << np.int64(52))).view(np.float64) - 1.0
     s = f / (2.0 + f)
     z = s * s
-    r = (1.479819860511658591e-01 * z + 1.531383769920937332e-01) * z + 1.818357216161805012e-01
-    r = ((r * z + 2.222219843214978396e-01) * z + 2.857142874366239149e-01) * z + 3.999999999940941908e-01
-    r = z * (r * z + 6.666666666666735130e-01)
+    r = z * _octave(z, _LOG)
     half = 0.5 * f * f
     return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f)
 
@@ -116,20 +144,20 @@ def inverse_normal(u: float) -> float:
 
 
 @kernel
-def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np.int32]) -> None:
-    """Write the `inverse_normal` of each number in `u` to `quantiles`.
+def inverse_normals(u: Array, tail: Array, indices: NDArray[np.int32]) -> None:
+    """Write the `inverse_normal` of each number in `u` in its place.
 
     `indices` is scratch of the size of `u`, `tail` is `BLOCK` longer. One number in seven lies in the tails. Those are
     packed side by side, because SIMD that followed both paths for every number would take twice the time. Their roots
     have a loop of their own: a processor looks ahead too little to overlap chains as long as both together.
     """
-    for i in range(u.size):
-        quantiles[i] = _central_quantile(u[i])
     count = list_outside(u, _LEAST, _BREADTH, indices)
     for i in range(count):
         tail[i] = u[indices[i]]
     for i in range(BLOCK):
         tail[count + i] = 0.5
+    for i in range(u.size):
+        u[i] = _central_quantile(u[i])
     for start in range(0, count, BLOCK):
         for i in range(start, start + BLOCK):
             tail[i] = _tail_root(tail[i])
@@ -137,20 +165,26 @@ def inverse_normals(u: Array, quantiles: Array, tail: Array, indices: NDArray[np
         for i in range(start, start + BLOCK):
             tail[i] = _tail_quantile(tail[i])
     for i in range(count):
-        quantiles[indices[i]] = tail[i]
+        u[indices[i]] = tail[i]
+
+
+@kernel
+def _octave(x: float, a: Eight) -> float:
+    """Return `a[0] + a[1] x + ... + a[7] x^7`, by Estrin's scheme.
+
+    Horner's scheme takes two products less, but each waits for the one before. A processor looks ahead for some hundred
+    operations only, and then waits too.
+    """
+    y = x * x
+    low, high = (a[0] + a[1] * x) + (a[2] + a[3] * x) * y, (a[4] + a[5] * x) + (a[6] + a[7] * x) * y
+    return low + high * (y * y)
 
 
 @kernel
 def _central_quantile(u: float) -> float:
     q = u - 0.5
     r = 0.180625 - q * q
-    n = (2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4
-    n = ((n * r + 4.5921953931549871457e4) * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
-    n = (n * r + 1.3314166789178437745e2) * r + 3.3871328727963666080e0
-    d = (5.2264952788528545610e3 * r + 2.8729085735721942674e4) * r + 3.9307895800092710610e4
-    d = ((d * r + 2.1213794301586595867e4) * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
-    d = (d * r + 4.2313330701600911252e1) * r + 1.0
-    return q * n / d
+    return q * _octave(r, _CENTRAL_N) / _octave(r, _CENTRAL_D)
 
 
 @kernel
@@ -163,13 +197,7 @@ def _tail_root(u: float) -> float:
 @kernel
 def _tail_quantile(root: float) -> float:
     t = abs(root)
-    n = (7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1
-    n = ((n * t + 1.27045825245236838258e0) * t + 3.64784832476320460504e0) * t + 5.76949722146069140550e0
-    n = (n * t + 4.63033784615654529590e0) * t + 1.42343711074968357734e0
-    d = (1.05075007164441684324e-9 * t + 5.47593808499534494600e-4) * t + 1.51986665636164571966e-2
-    d = ((d * t + 1.48103976427480074590e-1) * t + 6.89767334985100004550e-1) * t + 1.67638483018380384940e0
-    d = (d * t + 2.05319162663775882187e0) * t + 1.0
-    tail = n / d
+    tail = _octave(t, _TAIL_N) / _octave(t, _TAIL_D)
     return -tail if root < 0.0 else tail
 
 

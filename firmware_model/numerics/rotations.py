@@ -15,6 +15,8 @@ from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.types import Quaternion, Vector
 
+Matrix = tuple[Vector, Vector, Vector]
+
 
 @kernel
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -52,6 +54,36 @@ def rotate(q_NB: Quaternion, v_B: Vector) -> Vector:
         v_B[1] + w * t1 + z * t0 - x * t2,
         v_B[2] + w * t2 + x * t1 - y * t0,
     )
+
+
+@kernel
+def rotation_matrix(q_NB: Quaternion) -> Matrix:
+    """Return the rows of the matrix that takes components in B to N: for two vectors it is less work than `rotate`."""
+    w, x, y, z = q_NB
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz, xy, xz, yz = x * x2, y * y2, z * z2, x * y2, x * z2, y * z2
+    wx, wy, wz = w * x2, w * y2, w * z2
+    return (
+        (1.0 - (yy + zz), xy - wz, xz + wy),
+        (xy + wz, 1.0 - (xx + zz), yz - wx),
+        (xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
+
+
+@kernel
+def to_N(R_NB: Matrix, v_B: Vector) -> Vector:
+    """Return the components in N of a vector given in B."""
+    (a, b, c), (d, e, f), (g, h, i) = R_NB
+    x, y, z = v_B
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+@kernel
+def to_B(R_NB: Matrix, v_N: Vector) -> Vector:
+    """Return the components in B of a vector given in N."""
+    (a, b, c), (d, e, f), (g, h, i) = R_NB
+    x, y, z = v_N
+    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
 @kernel

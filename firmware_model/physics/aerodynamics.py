@@ -1,7 +1,9 @@
 """Free flight: the rigid body in moving air, with drag, and on the ground.
 
 Force and moment of the air have one cause, the air's velocity relative to the vehicle. Each rotor drags along with the
-air through its plane, at a height above the centre of mass (see `gust_moment`), and so does the body.
+air through its plane, at a height above the centre of mass (see `gust_moment`), and so does the body. So the steps of a
+sample follow the air past the vehicle, in B, and no vector has to be rotated for a force. Position and velocity in N
+are found at the end of the sample; near the ground, at each stage of each step.
 """
 
 import math
@@ -9,22 +11,27 @@ from typing import NamedTuple
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.compiled import kernel
-from firmware_model.numerics.rotations import conjugate, rotate
+from firmware_model.numerics.rotations import Matrix, rotation_matrix, to_B, to_N
 from firmware_model.physics import rigid_body
 from firmware_model.physics.dryden import gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench, is_at_rest
 from firmware_model.physics.rigid_body import (
     Body,
-    BodyInputs,
     BodyParams,
     Motion,
+    Wrench,
+    add,
+    add_moment,
+    add_motions,
     at_rest,
-    get_motion,
-    join,
-    move_motion,
+    change_motion,
+    get_wrench,
+    make_stages,
+    scale,
+    scale_motion,
     with_unit_length,
 )
-from firmware_model.physics.rotors import LossParams, given_by_rotors, lost_wrench
+from firmware_model.physics.rotors import LossParams, given_by_rotors
 from firmware_model.types import Vector
 
 AIR_DENSITY = 1.225
@@ -51,15 +58,41 @@ class Air(NamedTuple):
     """[m/s] N, mean wind, blowing toward."""
 
 
-class Stream(NamedTuple):
-    """Air as a vehicle meets it: all roots of a step's stage, so that SIMD can take them well before it needs them."""
+class Derivatives(NamedTuple):
+    """Acceleration by the rotors per velocity of the air relative to the vehicle, at one speed of the rotors."""
 
-    velocity_B: Vector
-    """[m/s] B, of the air relative to the vehicle."""
+    X_u: float
+    """[1/s] in the rotors' plane, along x and y alike."""
+    Z_w: float
+    """[1/s] along their axis."""
+    L_v: float
+    """[rad/(s*m)] roll by air along y."""
+    M_u: float
+    """[rad/(s*m)] pitch by air along x."""
+
+
+class Surroundings(NamedTuple):
+    """Drag and moments from outside, divided by mass and inertia; constant over a sample."""
+
+    hover: Derivatives
+    """In hover, units beside each number."""
     body_drag: float
-    """[N/(m/s)]."""
-    spin: float
-    """[-] rotor speed, 1 in hover."""
+    """[1/m] acceleration by the body per velocity of the air squared."""
+    gust_yaw: float
+    """[rad/s^2] by the vertical gust in hover."""
+    turn_B: Vector
+    """[rad/s^2] B, by moments from outside and angular gusts."""
+
+
+class Acting(NamedTuple):
+    """Accelerations at one time of a step that do not depend on the motion then, so that two stages may share them."""
+
+    lift: float
+    """[m/s^2] by the thrust."""
+    rotors: Derivatives
+    """At their speed, units beside each number."""
+    turn_B: Vector
+    """[rad/s^2] B, by all moments but those of the relative air."""
 
 
 class FreeParams(NamedTuple):
@@ -78,14 +111,23 @@ class FreeParams(NamedTuple):
 class FreeInputs(NamedTuple):
     """External inputs, constant over a sample."""
 
-    body: BodyInputs
-    """Commands, direct moments, angular gusts, units beside each number; no forces."""
+    command: Wrench
+    """Within the actuators' limits, units beside each number."""
+    outside: Surroundings
+    """Drag, moments and angular gusts, units beside each number."""
     air: Air
     """Gust and wind, units beside each number."""
     near_ground: bool
     """True if the ground may be near; otherwise contact is skipped."""
     failed: bool = False
     """True if a rotor may have failed; otherwise all are sound."""
+
+
+class _NearGround(NamedTuple):
+    """State that the stages of a step near the ground integrate."""
+
+    position_N: Vector  # [m] N
+    motion: Motion
 
 
 def air_params(vehicle: Vehicle) -> AirParams:
@@ -101,118 +143,217 @@ def air_params(vehicle: Vehicle) -> AirParams:
 
 
 @kernel
-def meet_air(params: AirParams, motion: Motion, thrust: float, air: Air) -> Stream:
-    """Return the air as a vehicle meets it whose rotors give a thrust [N]."""
-    (north, east, down), (v_north, v_east, v_down) = air.wind_N, motion.velocity_N
-    mean = rotate(conjugate(motion.q_NB), (north - v_north, east - v_east, down - v_down))
-    gust = air.gust_B
-    v_B = (gust[0] + mean[0], gust[1] + mean[1], gust[2] + mean[2])
-    square = params.body_drag * math.sqrt(v_B[0] * v_B[0] + v_B[1] * v_B[1] + v_B[2] * v_B[2])
-    return Stream(v_B, square, math.sqrt(max(thrust, 0.0) * params.inverse_weight))
+def surround(body: BodyParams, air: AirParams, gust_z: float, turn_B: Vector) -> Surroundings:
+    """Return drag and moments in a vertical gust [m/s], with an angular acceleration [rad/s^2] B from outside."""
+    L, M, N = gust_moment(air.gust_gain, air.gust_yaw_ratio, (1.0, 1.0, gust_z))
+    hover = Derivatives(
+        air.rotor_drag * body.inverse_mass,
+        air.heave_drag * body.inverse_mass,
+        L * body.inverse_I_x,
+        M * body.inverse_I_y,
+    )
+    return Surroundings(hover, air.body_drag * body.inverse_mass, N * body.inverse_I_z, turn_B)
 
 
 @kernel
-def air_wrench(params: AirParams, stream: Stream, air: Air) -> tuple[Vector, Vector]:
-    """Return force [N] B and moment [N*m] B of the air.
+def _rotor_speed(params: AirParams, thrust: float) -> float:
+    """Return the speed of rotors that give a thrust [N], 1 in hover."""
+    return math.sqrt(max(thrust, 0.0) * params.inverse_weight)
 
-    Rotor drag is proportional to the relative air velocity and to rotor speed, which goes with the root of the thrust
-    and is 1 in hover. Body drag is quadratic, the same in all directions. Only gusts yaw the vehicle: a uniform
-    stream acts on all rotors equally.
+
+@kernel
+def _act(params: FreeParams, given: Wrench, inputs: FreeInputs) -> Acting:
+    """Return the accelerations while sound rotors would give that much."""
+    given = given_by_rotors(params.loss, given) if inputs.failed else given
+    speed, hover = _rotor_speed(params.air, given.thrust), inputs.outside.hover
+    p, q, r = inputs.outside.turn_B
+    return Acting(
+        params.body.inverse_mass * given.thrust,
+        Derivatives(speed * hover.X_u, speed * hover.Z_w, speed * hover.L_v, speed * hover.M_u),
+        add_moment(params.body, (p, q, r + speed * inputs.outside.gust_yaw), given.torque_B),
+    )
+
+
+@kernel
+def _meet_air(motion: Motion, air: Air) -> Vector:
+    """Return the velocity [m/s] B of the air relative to the vehicle."""
+    return add(motion.flow_B, air.gust_B)
+
+
+@kernel
+def _push(acting: Acting, outside: Surroundings, v_B: Vector) -> Vector:
+    """Return the acceleration [m/s^2] B by thrust and relative air [m/s] B.
+
+    Rotor drag is proportional to the air's velocity and to rotor speed. Body drag is quadratic, the same in all
+    directions.
     """
-    v_B, square, spin = stream
-    plane, axis = spin * params.rotor_drag + square, spin * params.heave_drag + square
-    moment = gust_moment(spin * params.gust_gain, params.gust_yaw_ratio, (v_B[0], v_B[1], air.gust_B[2]))
-    return (plane * v_B[0], plane * v_B[1], axis * v_B[2]), moment
+    u, v, w = v_B
+    body = outside.body_drag * math.sqrt(u * u + v * v + w * w)
+    plane, axis = acting.rotors.X_u + body, acting.rotors.Z_w + body
+    return plane * u, plane * v, axis * w - acting.lift
 
 
 @kernel
-def _add(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+def _turn(acting: Acting, v_B: Vector) -> Vector:
+    """Return the angular acceleration [rad/s^2] B by all moments, in relative air [m/s] B.
 
-
-@kernel
-def sum_inputs(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
-    """Return the inputs with all forces and moments but gravity, whether the vehicle rests, and the ground's load [N].
-
-    Among them is what failed rotors don't give, as an opposite force and moment. At rest the ground's force balances
-    all others; the springs' force among those returned is then not the real one.
+    Only gusts yaw the vehicle: a uniform stream acts on all rotors equally.
     """
-    return _sum_inputs(params, body, _meet_air(params, body, inputs), inputs)
+    p, q, r = acting.turn_B
+    return p + acting.rotors.L_v * v_B[1], q + acting.rotors.M_u * v_B[0], r
 
 
 @kernel
-def _meet_air(params: FreeParams, body: Body, inputs: FreeInputs) -> Stream:
-    return meet_air(params.air, get_motion(body), _given(params, body, inputs).thrust, inputs.air)
+def motion_rate(params: FreeParams, motion: Motion, given: tuple[FreeInputs, Acting]) -> Motion:
+    """Return the time derivative of a motion away from the ground, see `rigid_body.motion_rate`."""
+    inputs, acting = given
+    v_B = _meet_air(motion, inputs.air)
+    return rigid_body.motion_rate(params.body, motion, _push(acting, inputs.outside, v_B), _turn(acting, v_B))
 
 
 @kernel
-def _sum_inputs(params: FreeParams, body: Body, stream: Stream, inputs: FreeInputs) -> tuple[BodyInputs, bool, float]:
-    outside, given = inputs.body, _given(params, body, inputs)
-    force, moment = air_wrench(params.air, stream, inputs.air)
-    moment, load, resting = _add(moment, outside.moment_B), 0.0, False
-    if inputs.near_ground:
-        ground_force, ground_moment, load = ground_wrench(params.ground, body)
-        push = (force[0], force[1], force[2] - given.thrust)
-        resting = (load > 0.0) & is_at_rest(params.ground, body, push, _add(moment, given.torque_B))
-        moment, force = _add(moment, ground_moment), _add(force, ground_force)
-    if inputs.failed and params.loss.failed != 0.0:
-        (L, M, N), lift = lost_wrench(params.loss, body)
-        moment, force = (moment[0] - L, moment[1] - M, moment[2] - N), (force[0], force[1], force[2] + lift)
-    forces = BodyInputs(outside.torque_command_B, moment, outside.gust_omega_B, force, outside.thrust_command)
-    return forces, resting, load
+def _near_rate(params: FreeParams, x: _NearGround, given: tuple[FreeInputs, Acting]) -> _NearGround:
+    (inputs, acting), motion = given, x.motion
+    v_B, velocity_N = _meet_air(motion, inputs.air), _velocity(rotation_matrix(motion.q_NB), motion, inputs.air)
+    pose = Body(x.position_N, velocity_N, motion.q_NB, motion.omega_B, (0.0, 0.0, 0.0), 0.0)
+    force, moment, _ = ground_wrench(params.ground, pose)
+    push = add(_push(acting, inputs.outside, v_B), scale(params.body.inverse_mass, force))
+    turn = add_moment(params.body, _turn(acting, v_B), moment)
+    return _NearGround(velocity_N, rigid_body.motion_rate(params.body, motion, push, turn))
 
 
 @kernel
-def _given(params: FreeParams, body: Body, inputs: FreeInputs) -> Body:
-    """Return the state with the torques and the thrust that its rotors give."""
-    return given_by_rotors(params.loss, body) if inputs.failed else body
+def _change_near(h: float, rate: _NearGround) -> _NearGround:
+    return _NearGround(scale(h, rate.position_N), change_motion(h, rate.motion))
 
 
 @kernel
-def motion_rate(params: FreeParams, body: Body, stream: Stream, inputs: FreeInputs) -> Motion:
-    """Return the time derivative of the airframe's state, in a `Motion`."""
-    return rigid_body.free_derivative(params.body, body, _sum_inputs(params, body, stream, inputs)[0])
+def _add_near(a: _NearGround, b: _NearGround) -> _NearGround:
+    return _NearGround(add(a.position_N, b.position_N), add_motions(a.motion, b.motion))
 
 
 @kernel
-def _stage_rate(params: FreeParams, motion: Motion, acting: tuple[FreeInputs, Vector, float]) -> Motion:
-    inputs, torque_B, thrust = acting
-    body = join(motion, torque_B, thrust)
-    return motion_rate(params, body, _meet_air(params, body, inputs), inputs)
+def _scale_near(h: float, a: _NearGround) -> _NearGround:
+    return _NearGround(scale(h, a.position_N), scale_motion(h, a.motion))
 
 
-_stages = rigid_body.make_stages(_stage_rate, move_motion)
-
-
-@kernel
-def _integrate(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
-    T, torque_B, F, thrust = rigid_body.step_actuators(params.body, body, inputs.body, dt)
-    acting = ((inputs, T[0], F[0]), (inputs, T[1], F[1]), (inputs, T[2], F[2]), (inputs, T[3], F[3]))
-    end = _stages(params, get_motion(body), acting, dt)[1]
-    return join(with_unit_length(end), torque_B, thrust)
+_stages = make_stages(motion_rate, change_motion, add_motions, scale_motion)
+_near_stages = make_stages(_near_rate, _change_near, _add_near, _scale_near)
 
 
 @kernel
-def step(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
-    """Return the state after `dt` [s]: a Runge-Kutta step; at rest only the actuators move."""
-    near_ground = inputs.near_ground and can_touch_ground(params.ground, body, dt)
-    inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
-    next_body = _integrate(params, body, inputs, dt)
-    return at_rest(body, next_body) if sum_inputs(params, body, inputs)[1] else next_body
+def _get_motion(R_NB: Matrix, body: Body, air: Air) -> Motion:
+    """Return the motion of a state past the air; `R_NB` is its attitude as a matrix."""
+    (north, east, down), (v_north, v_east, v_down) = air.wind_N, body.velocity_N
+    return Motion(to_B(R_NB, (north - v_north, east - v_east, down - v_down)), body.q_NB, body.omega_B)
+
+
+@kernel
+def _velocity(R_NB: Matrix, motion: Motion, air: Air) -> Vector:
+    """Return the velocity [m/s] N of a motion."""
+    (north, east, down), flow = air.wind_N, to_N(R_NB, motion.flow_B)
+    return north - flow[0], east - flow[1], down - flow[2]
+
+
+@kernel
+def _half_path(R_NB: Matrix, motion: Motion, velocity_N: Vector, given: tuple[FreeInputs, Acting], h: float) -> Vector:
+    """Return the part [m] N of a path of `h` [s] that its begin decides; of one of `-h`, less that of its end.
+
+    The path is the integral of the cubic through velocity and acceleration at both ends (Hermite), whose error falls
+    with `h` to the fourth power.
+    """
+    inputs, acting = given
+    push = to_N(R_NB, _push(acting, inputs.outside, _meet_air(motion, inputs.air)))
+    return add(scale(0.5 * h, velocity_N), scale(h * h / 12.0, push))
+
+
+@kernel
+def begin_sample(params: FreeParams, body: Body, inputs: FreeInputs, h: float) -> tuple[Motion, Acting, Vector]:
+    """Return motion, accelerations and position [m] N at the begin of a sample of `h` [s].
+
+    Part of the sample's path is in the position already; `end_sample` adds the other part.
+    """
+    R_NB, acting = rotation_matrix(body.q_NB), _act(params, get_wrench(body), inputs)
+    motion = _get_motion(R_NB, body, inputs.air)
+    path = _half_path(R_NB, motion, body.velocity_N, (inputs, acting), h)
+    return motion, acting, add(body.position_N, path)
+
+
+@kernel
+def end_sample(
+    position_N: Vector, motion: Motion, acting: Acting, inputs: FreeInputs, h: float
+) -> tuple[Vector, Vector]:
+    """Return position [m] and velocity [m/s] N after a sample of `h` [s] that began at `begin_sample`'s position."""
+    R_NB = rotation_matrix(motion.q_NB)
+    velocity_N = _velocity(R_NB, motion, inputs.air)
+    back = _half_path(R_NB, motion, velocity_N, (inputs, acting), -h)
+    return (position_N[0] - back[0], position_N[1] - back[1], position_N[2] - back[2]), velocity_N
+
+
+@kernel
+def step_actuators(params: FreeParams, given: Wrench, inputs: FreeInputs) -> tuple[Acting, Wrench, Acting]:
+    """Return accelerations in the middle of a step, what sound rotors give at its end, and accelerations then."""
+    middle, last = rigid_body.step_actuators(params.body, given, inputs.command)
+    return _act(params, middle, inputs), last, _act(params, last, inputs)
+
+
+@kernel
+def fly(params: FreeParams, body: Body, inputs: FreeInputs, dt: float, steps: int) -> Body:
+    """Return the state after a sample of `steps` Runge-Kutta steps of `dt` [s]."""
+    h = steps * dt
+    if inputs.near_ground and can_touch_ground(params.ground, body, h):
+        for _ in range(steps):
+            body = step_near_ground(params, body, inputs, dt)
+        return body
+    motion, acting, position_N = begin_sample(params, body, inputs, h)
+    given = get_wrench(body)
+    for _ in range(steps):
+        middle, given, last = step_actuators(params, given, inputs)
+        stages = ((inputs, acting), (inputs, middle), (inputs, middle), (inputs, last))
+        motion, acting = _stages(params, motion, stages, dt)[1], last
+    motion = with_unit_length(motion)
+    position_N, velocity_N = end_sample(position_N, motion, acting, inputs, h)
+    return Body(position_N, velocity_N, motion.q_NB, motion.omega_B, given.torque_B, given.thrust)
+
+
+@kernel
+def step_near_ground(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
+    """Return the state after a step of `dt` [s] with the ground near; at rest only the actuators move."""
+    motion, first = _get_motion(rotation_matrix(body.q_NB), body, inputs.air), _act(params, get_wrench(body), inputs)
+    middle, given, last = step_actuators(params, get_wrench(body), inputs)
+    stages = ((inputs, first), (inputs, middle), (inputs, middle), (inputs, last))
+    position_N, end = _near_stages(params, _NearGround(body.position_N, motion), stages, dt)[1]
+    end = with_unit_length(end)
+    velocity_N = _velocity(rotation_matrix(end.q_NB), end, inputs.air)
+    after = Body(position_N, velocity_N, end.q_NB, end.omega_B, given.torque_B, given.thrust)
+    return at_rest(body, after) if _rests(params, body, first, inputs) else after
+
+
+@kernel
+def _rests(params: FreeParams, body: Body, acting: Acting, inputs: FreeInputs) -> bool:
+    """Return whether a vehicle stays at rest on the ground, whose force then balances all others."""
+    v_B = _meet_air(_get_motion(rotation_matrix(body.q_NB), body, inputs.air), inputs.air)
+    (p, q, r), constants = _turn(acting, v_B), params.body
+    force = scale(1.0 / constants.inverse_mass, _push(acting, inputs.outside, v_B))
+    moment = (p / constants.inverse_I_x, q / constants.inverse_I_y, r / constants.inverse_I_z)
+    return (ground_wrench(params.ground, body)[2] > 0.0) & is_at_rest(params.ground, body, force, moment)
 
 
 @kernel
 def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[Vector, Vector, float]:
     """Return specific force [m/s^2] B, the moment of the air [N*m] B, and the load on the ground [N].
 
-    Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass.
+    Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass. At rest the
+    ground carries the weight; the springs' force is then not the real one.
     """
-    near_ground = inputs.near_ground and can_touch_ground(params.ground, body, 0.0)
-    inputs = FreeInputs(inputs.body, inputs.air, near_ground, inputs.failed)
-    stream = _meet_air(params, body, inputs)
-    forces, resting, load = _sum_inputs(params, body, stream, inputs)
-    moment = air_wrench(params.air, stream, inputs.air)[1]
-    if resting:
-        up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
-        return up, moment, load
-    return rigid_body.specific_force(params.body, body, forces), moment, load
+    given, load = get_wrench(body), 0.0
+    acting = _act(params, given, inputs)
+    v_B = _meet_air(_get_motion(rotation_matrix(body.q_NB), body, inputs.air), inputs.air)
+    force = _push(acting, inputs.outside, v_B)
+    if inputs.near_ground and can_touch_ground(params.ground, body, 0.0):
+        ground, _, load = ground_wrench(params.ground, body)
+        force = add(force, scale(params.body.inverse_mass, ground))
+        force = rigid_body.held_force(body.q_NB) if _rests(params, body, acting, inputs) else force
+    given = given_by_rotors(params.loss, given) if inputs.failed else given
+    gain = _rotor_speed(params.air, given.thrust) * params.air.gust_gain
+    return force, gust_moment(gain, params.air.gust_yaw_ratio, (v_B[0], v_B[1], inputs.air.gust_B[2])), load

@@ -17,7 +17,7 @@ from firmware_model.types import Vector
 _FRICTION_SPEED = 0.05  # [m/s] sliding speed of full friction
 _REST_SPEED = 0.02  # [m/s] and [rad/s]: below, a vehicle held by its feet is at rest
 _REST_LOAD_SHARE = 0.5  # [-] least share of the weight on the feet at rest; with less, the springs lift off gently
-_MARGIN = 0.01  # [m] path of an acceleration of 5 km/s^2 within the longest step, 2 ms
+_ACCELERATION = 5000.0  # [m/s^2] no vehicle reaches this
 
 
 class GroundParams(NamedTuple):
@@ -65,8 +65,9 @@ def standing_height(vehicle: Vehicle) -> float:
 
 @kernel
 def can_touch_ground(params: GroundParams, body: Body, dt: float) -> bool:
-    """Return whether any point may touch the ground within a step of `dt` [s]; if not, contact may be skipped."""
-    return body.position_N[2] + params.reach + dt * abs(body.velocity_N[2]) > -_MARGIN
+    """Return whether any point may touch the ground within `dt` [s]; if not, contact may be skipped."""
+    path = dt * (abs(body.velocity_N[2]) + 0.5 * dt * _ACCELERATION)
+    return body.position_N[2] + params.reach + path > 0.0
 
 
 @kernel

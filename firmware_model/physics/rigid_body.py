@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 from firmware_model.config.vehicle import GRAVITY, Vehicle
+from firmware_model.exact import exp
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.rotations import conjugate, normalize, rotate
 from firmware_model.types import Quaternion, Vector
@@ -33,16 +34,23 @@ class Body(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """State of the airframe."""
+    """Motion of the airframe past the air around it."""
 
-    position_N: Vector
-    """[m] N."""
-    velocity_N: Vector
-    """[m/s] N."""
+    flow_B: Vector
+    """[m/s] B, velocity of the mean wind relative to the vehicle; no gust."""
     q_NB: Quaternion
     """Attitude."""
     omega_B: Vector
     """[rad/s] B."""
+
+
+class Wrench(NamedTuple):
+    """Torques and thrust that actuators give, or are to give."""
+
+    torque_B: Vector
+    """[N*m] B."""
+    thrust: float
+    """[N] up, along -z of B."""
 
 
 class BodyParams(NamedTuple):
@@ -58,27 +66,11 @@ class BodyParams(NamedTuple):
     damping_x: float  # [1/s] moment against the rate relative to the air, per inertia
     damping_y: float
     damping_z: float
-    bandwidth: float  # [1/s] of the actuators, one over their time constant
-    free: float  # 1 free, 0 held in translation
+    lag: float  # [-] share of the way to a command that actuators still have to go after half a step
 
 
-class BodyInputs(NamedTuple):
-    """External inputs, constant over a step."""
-
-    torque_command_B: Vector
-    """[N*m] B, commanded, within the actuators' limits."""
-    moment_B: Vector
-    """[N*m] B, disturbance moment."""
-    gust_omega_B: Vector
-    """[rad/s] B, angular gust."""
-    force_B: Vector
-    """[N] B, all forces but gravity and thrust."""
-    thrust_command: float
-    """[N] commanded."""
-
-
-def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
-    """Return the constants of a vehicle, `free` or held in translation."""
+def body_params(vehicle: Vehicle, dt: float) -> BodyParams:
+    """Return the constants of a vehicle for steps of `dt` [s]."""
     I_x, I_y, I_z = vehicle.inertia_B
     damping_x, damping_y, damping_z = vehicle.rate_damping_B
     return BodyParams(
@@ -92,40 +84,65 @@ def body_params(vehicle: Vehicle, *, free: bool) -> BodyParams:
         damping_x=damping_x,
         damping_y=damping_y,
         damping_z=damping_z,
-        bandwidth=1.0 / vehicle.actuator_lag,
-        free=float(free),
+        lag=exp(-0.5 * dt / vehicle.actuator_lag),
     )
 
 
 @kernel
-def _torque_rate(bandwidth: float, torque: Vector, command: Vector) -> Vector:
-    """Return the rate [N*m/s] B of the actuators' torque [N*m] B under a command."""
+def _approach(lag: float, given: float, command: float) -> float:
+    return command + lag * (given - command)
+
+
+@kernel
+def _move_actuators(lag: float, given: Wrench, command: Wrench) -> Wrench:
+    (a, b, c), (L, M, N) = given.torque_B, command.torque_B
+    torque_B = (_approach(lag, a, L), _approach(lag, b, M), _approach(lag, c, N))
+    return Wrench(torque_B, _approach(lag, given.thrust, command.thrust))
+
+
+@kernel
+def step_actuators(params: BodyParams, given: Wrench, command: Wrench) -> tuple[Wrench, Wrench]:
+    """Return what the actuators give in the middle of a step and at its end, exactly, under a constant command."""
+    middle = _move_actuators(params.lag, given, command)
+    return middle, _move_actuators(params.lag, middle, command)
+
+
+@kernel
+def get_wrench(body: Body) -> Wrench:
+    """Return the actuators' part of a state."""
+    return Wrench(body.torque_B, body.thrust)
+
+
+@kernel
+def turn_from_outside(params: BodyParams, moment_B: Vector, gust_omega_B: Vector) -> Vector:
+    """Return the angular acceleration [rad/s^2] B by a moment [N*m] B and an angular gust [rad/s] B."""
+    damping = (params.damping_x, params.damping_y, params.damping_z)
+    by_gust = (damping[0] * gust_omega_B[0], damping[1] * gust_omega_B[1], damping[2] * gust_omega_B[2])
+    return add_moment(params, by_gust, moment_B)
+
+
+@kernel
+def add_moment(params: BodyParams, turn_B: Vector, moment_B: Vector) -> Vector:
+    """Return an angular acceleration [rad/s^2] B and that by a moment [N*m] B."""
     return (
-        bandwidth * (command[0] - torque[0]),
-        bandwidth * (command[1] - torque[1]),
-        bandwidth * (command[2] - torque[2]),
+        turn_B[0] + moment_B[0] * params.inverse_I_x,
+        turn_B[1] + moment_B[1] * params.inverse_I_y,
+        turn_B[2] + moment_B[2] * params.inverse_I_z,
     )
 
 
 @kernel
-def _thrust_rate(bandwidth: float, thrust: float, command: float) -> float:
-    return bandwidth * (command - thrust)
-
-
-@kernel
-def _omega_rate(acting: tuple[BodyParams, Vector, Vector], omega_B: Vector, torque_B: Vector) -> Vector:
+def _omega_rate(params: BodyParams, omega_B: Vector, turn_B: Vector) -> Vector:
     """Return the angular acceleration [rad/s^2] B: Euler's equations with principal inertia.
 
-    `acting` holds the constants, the moment [N*m] B and the angular gust [rad/s] B. The yaw equation has N / I_z, where
-    the paper's (2) prints L / I_z.
+    `turn_B` [rad/s^2] B is the part by all moments, angular gusts among them. The yaw equation has N / I_z, where the
+    paper's (2) prints L / I_z.
     """
-    params, (L, M, N), (p_gust, q_gust, r_gust) = acting
     p, q, r = omega_B
-    roll, pitch, yaw = torque_B
     return (
-        params.k1 * q * r + (roll + L) * params.inverse_I_x - params.damping_x * (p - p_gust),
-        params.k2 * r * p + (pitch + M) * params.inverse_I_y - params.damping_y * (q - q_gust),
-        params.k3 * p * q + (yaw + N) * params.inverse_I_z - params.damping_z * (r - r_gust),
+        params.k1 * q * r + (turn_B[0] - params.damping_x * p),
+        params.k2 * r * p + (turn_B[1] - params.damping_y * q),
+        params.k3 * p * q + (turn_B[2] - params.damping_z * r),
     )
 
 
@@ -138,63 +155,79 @@ def _turn_rate(_: float, q_NB: Quaternion, omega_B: Vector) -> Quaternion:
 
 
 @kernel
-def free_derivative(params: BodyParams, body: Body, inputs: BodyInputs) -> Motion:
-    """Return the time derivative of the airframe's state in free flight, in a `Motion`; that of the attitude twice."""
-    F_x, F_y, F_z = inputs.force_B
-    north, east, down = rotate(body.q_NB, (F_x, F_y, F_z - body.thrust))
-    acting = (params, inputs.moment_B, inputs.gust_omega_B)
-    return Motion(
-        body.velocity_N,
-        (params.inverse_mass * north, params.inverse_mass * east, params.inverse_mass * down + GRAVITY),
-        _turn_rate(0.0, body.q_NB, body.omega_B),
-        _omega_rate(acting, body.omega_B, body.torque_B),
+def _fall(q_NB: Quaternion) -> Vector:
+    """Return the acceleration [m/s^2] B of gravity."""
+    w, x, y, z = q_NB
+    twice_w, twice_z = 2.0 * GRAVITY * w, 2.0 * GRAVITY * z
+    return x * twice_z - y * twice_w, y * twice_z + x * twice_w, GRAVITY - 2.0 * GRAVITY * (x * x + y * y)
+
+
+@kernel
+def motion_rate(params: BodyParams, motion: Motion, push_B: Vector, turn_B: Vector) -> Motion:
+    """Return the time derivative of a motion in free flight, in a `Motion`; that of the attitude twice.
+
+    `push_B` [m/s^2] B is the acceleration by all forces but gravity, `turn_B` [rad/s^2] B that by all moments. In B the
+    air's velocity also changes because B turns: `flow' = -push - gravity - omega x flow`.
+    """
+    (x, y, z), (p, q, r), fall = motion.flow_B, motion.omega_B, _fall(motion.q_NB)
+    flow_rate = (
+        (r * y - q * z) - (push_B[0] + fall[0]),
+        (p * z - r * x) - (push_B[1] + fall[1]),
+        (q * x - p * y) - (push_B[2] + fall[2]),
     )
+    return Motion(flow_rate, _turn_rate(0.0, motion.q_NB, motion.omega_B), _omega_rate(params, motion.omega_B, turn_B))
 
 
 @kernel
-def _move(a: Vector, h: float, rate: Vector) -> Vector:
-    return a[0] + h * rate[0], a[1] + h * rate[1], a[2] + h * rate[2]
+def scale(h: float, a: Vector) -> Vector:
+    """Return `h` times a vector."""
+    return h * a[0], h * a[1], h * a[2]
 
 
 @kernel
-def _move_float(a: float, h: float, rate: float) -> float:
-    return a + h * rate
+def add(a: Vector, b: Vector) -> Vector:
+    """Return the sum of two vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @kernel
-def _move_quaternion(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
-    """Return the attitude moved by half of `h` times twice its rate: one product less than with the rate itself."""
-    half = 0.5 * h
-    return q[0] + half * rate[0], q[1] + half * rate[1], q[2] + half * rate[2], q[3] + half * rate[3]
+def _scale_quaternion(h: float, q: Quaternion) -> Quaternion:
+    return h * q[0], h * q[1], h * q[2], h * q[3]
 
 
 @kernel
-def get_motion(body: Body) -> Motion:
-    """Return the airframe's part of a state."""
-    return Motion(body.position_N, body.velocity_N, body.q_NB, body.omega_B)
+def _turn(h: float, rate: Quaternion) -> Quaternion:
+    """Return the change of attitude in `h` [s], of twice its rate: the half is taken of one number, not of four."""
+    return _scale_quaternion(0.5 * h, rate)
 
 
 @kernel
-def join(motion: Motion, torque_B: Vector, thrust: float) -> Body:
-    """Return the state of airframe and actuators, whose torques are in [N*m] B and thrust in [N]."""
-    return Body(motion.position_N, motion.velocity_N, motion.q_NB, motion.omega_B, torque_B, thrust)
+def _add_quaternions(a: Quaternion, b: Quaternion) -> Quaternion:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
 @kernel
-def move_motion(motion: Motion, h: float, rate: Motion) -> Motion:
-    """Return the airframe's state moved by `h` times a derivative."""
-    return Motion(
-        _move(motion.position_N, h, rate.position_N),
-        _move(motion.velocity_N, h, rate.velocity_N),
-        _move_quaternion(motion.q_NB, h, rate.q_NB),
-        _move(motion.omega_B, h, rate.omega_B),
-    )
+def change_motion(h: float, rate: Motion) -> Motion:
+    """Return the change of a motion in `h` [s] at a time derivative."""
+    return Motion(scale(h, rate.flow_B), _turn(h, rate.q_NB), scale(h, rate.omega_B))
+
+
+@kernel
+def add_motions(a: Motion, b: Motion) -> Motion:
+    """Return the sum of two motions or changes."""
+    return Motion(add(a.flow_B, b.flow_B), _add_quaternions(a.q_NB, b.q_NB), add(a.omega_B, b.omega_B))
+
+
+@kernel
+def scale_motion(h: float, a: Motion) -> Motion:
+    """Return `h` times a motion."""
+    return Motion(scale(h, a.flow_B), _scale_quaternion(h, a.q_NB), scale(h, a.omega_B))
 
 
 @kernel
 def with_unit_length(motion: Motion) -> Motion:
-    """Return the airframe's state with its attitude at unit length."""
-    return Motion(motion.position_N, motion.velocity_N, normalize(motion.q_NB), motion.omega_B)
+    """Return a motion with its attitude at unit length."""
+    return Motion(motion.flow_B, normalize(motion.q_NB), motion.omega_B)
 
 
 Params = TypeVar("Params")
@@ -203,55 +236,49 @@ State = TypeVar("State")
 
 
 def make_stages(
-    rate: Callable[[Params, State, Inputs], State], move: Callable[[State, float, State], State]
+    rate: Callable[[Params, State, Inputs], State],
+    change: Callable[[float, State], State],
+    add: Callable[[State, State], State],
+    scale: Callable[[float, State], State],
 ) -> Callable[[Params, State, tuple[Inputs, ...], float], tuple[tuple[State, ...], State]]:
     """Return the kernel `stages(params, x, inputs, dt)`, a step of the classical method for the time derivative `rate`.
 
-    `inputs` holds those of each of the four stages, `move(x, h, rate)` returns the state moved by `h` times a
-    derivative. The kernel returns the states of the stages, and that after `dt` [s].
+    `inputs` holds those of each of the four stages. `change(h, rate)` returns the change in `h` [s] at a derivative;
+    `add` and `scale` are those of the state. The kernel returns the states of the stages, and that after `dt` [s].
     """
 
     @kernel
     def stages(params: Params, x: State, inputs: tuple[Inputs, ...], dt: float) -> tuple[tuple[State, ...], State]:
-        # Each derivative is used up at once, so that few numbers have to be kept.
-        a = rate(params, x, inputs[0])
-        end, second = move(x, dt / 6.0, a), move(x, 0.5 * dt, a)
-        b = rate(params, second, inputs[1])
-        end, third = move(end, dt / 3.0, b), move(x, 0.5 * dt, b)
-        c = rate(params, third, inputs[2])
-        end, fourth = move(end, dt / 3.0, c), move(x, dt, c)
-        return (x, second, third, fourth), move(end, dt / 6.0, rate(params, fourth, inputs[3]))
+        a = change(0.5 * dt, rate(params, x, inputs[0]))
+        second = add(x, a)
+        b = change(0.5 * dt, rate(params, second, inputs[1]))
+        third = add(x, b)
+        c = change(dt, rate(params, third, inputs[2]))
+        fourth = add(x, c)
+        d = change(0.5 * dt, rate(params, fourth, inputs[3]))
+        return (x, second, third, fourth), add(x, scale(1.0 / 3.0, add(add(add(a, add(b, b)), c), d)))
 
     return stages
 
 
-_torque_stages, _thrust_stages = make_stages(_torque_rate, _move), make_stages(_thrust_rate, _move_float)
-_omega_stages, _turn_stages = make_stages(_omega_rate, _move), make_stages(_turn_rate, _move_quaternion)
+_omega_stages = make_stages(_omega_rate, scale, add, scale)
+_turn_stages = make_stages(_turn_rate, _turn, _add_quaternions, _scale_quaternion)
 
 
 @kernel
-def step_actuators(
-    params: BodyParams, body: Body, inputs: BodyInputs, dt: float
-) -> tuple[tuple[Vector, ...], Vector, tuple[float, ...], float]:
-    """Return torques [N*m] B of the actuators at each stage, and after `dt` [s]; then the thrusts [N]."""
-    command, lift = inputs.torque_command_B, inputs.thrust_command
-    torques, torque_B = _torque_stages(params.bandwidth, body.torque_B, (command, command, command, command), dt)
-    thrusts, thrust = _thrust_stages(params.bandwidth, body.thrust, (lift, lift, lift, lift), dt)
-    return torques, torque_B, thrusts, thrust
-
-
-@kernel
-def step_attitude(params: BodyParams, body: Body, inputs: BodyInputs, dt: float) -> Body:
+def step_attitude(params: BodyParams, body: Body, command: Wrench, outside_B: Vector, dt: float) -> Body:
     """Step a vehicle held in translation by the classical method, whose error falls with `dt` [s] to the fourth power.
 
-    Torque, rates and attitude follow each other: each needs only the stages of the one before. One after the other,
-    they need hardly more numbers at once than a processor has registers.
+    `outside_B` [rad/s^2] B is that of `turn_from_outside`. Torque, rates and attitude follow each other: each needs but
+    the stages of the one before. One after the other, they need hardly more numbers at once than a processor has
+    registers.
     """
-    torques, torque_B, _, thrust = step_actuators(params, body, inputs, dt)
-    acting = (params, inputs.moment_B, inputs.gust_omega_B)
-    omegas, omega_B = _omega_stages(acting, body.omega_B, torques, dt)
+    middle, end = step_actuators(params, get_wrench(body), command)
+    first, last = add_moment(params, outside_B, body.torque_B), add_moment(params, outside_B, end.torque_B)
+    between = add_moment(params, outside_B, middle.torque_B)
+    omegas, omega_B = _omega_stages(params, body.omega_B, (first, between, between, last), dt)
     q_NB = normalize(_turn_stages(0.0, body.q_NB, omegas, dt)[1])
-    return Body(body.position_N, body.velocity_N, q_NB, omega_B, torque_B, thrust)
+    return Body(body.position_N, body.velocity_N, q_NB, omega_B, end.torque_B, end.thrust)
 
 
 @kernel
@@ -261,16 +288,6 @@ def at_rest(pose: Body, actuators: Body) -> Body:
 
 
 @kernel
-def specific_force(params: BodyParams, body: Body, inputs: BodyInputs) -> Vector:
-    """Return acceleration less gravity [m/s^2] B, the reading of an accelerometer at the centre of mass.
-
-    On the stand it is minus gravity under all forces, because the stand carries the weight.
-    """
-    up = rotate(conjugate(body.q_NB), (0.0, 0.0, -GRAVITY))
-    held, free_inverse_mass = 1.0 - params.free, params.free * params.inverse_mass
-    F_x, F_y, F_z = inputs.force_B
-    return (
-        free_inverse_mass * F_x + held * up[0],
-        free_inverse_mass * F_y + held * up[1],
-        free_inverse_mass * (F_z - body.thrust) + held * up[2],
-    )
+def held_force(q_NB: Quaternion) -> Vector:
+    """Return the specific force [m/s^2] B on the stand, which carries the weight: minus gravity under all forces."""
+    return rotate(conjugate(q_NB), (0.0, 0.0, -GRAVITY))

@@ -20,7 +20,7 @@ from firmware_model.config.vehicle import Rotors
 from firmware_model.exact import multiply
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.soa import Lane, loader, put
-from firmware_model.physics.rigid_body import Body
+from firmware_model.physics.rigid_body import Wrench
 from firmware_model.types import Vector
 
 Float4 = tuple[float, float, float, float]
@@ -205,19 +205,11 @@ def _dot(row: Float4, torque_B: Vector, thrust: float) -> float:
 
 
 @kernel
-def lost_wrench(params: LossParams, body: Body) -> tuple[Vector, float]:
-    """Return torques [N*m] B and thrust [N] that failed rotors don't give, of the state's, which are of sound ones."""
+def given_by_rotors(params: LossParams, asked: Wrench) -> Wrench:
+    """Return what the rotors, sound or failed, give where sound ones give a wrench."""
     if params.failed == 0.0:
-        return (0.0, 0.0, 0.0), 0.0
-    torque, thrust = body.torque_B, body.thrust
-    lost = (_dot(params.roll, torque, thrust), _dot(params.pitch, torque, thrust), _dot(params.yaw, torque, thrust))
-    return lost, _dot(params.thrust, torque, thrust)
-
-
-@kernel
-def given_by_rotors(params: LossParams, body: Body) -> Body:
-    """Return the state with torques and thrust as the rotors, sound or failed, give them."""
-    (L, M, N), lift = lost_wrench(params, body)
-    roll, pitch, yaw = body.torque_B
-    torque_B = (roll - L, pitch - M, yaw - N)
-    return Body(body.position_N, body.velocity_N, body.q_NB, body.omega_B, torque_B, body.thrust - lift)
+        return asked
+    (roll, pitch, yaw), thrust = asked
+    L, M = _dot(params.roll, asked.torque_B, thrust), _dot(params.pitch, asked.torque_B, thrust)
+    N, lift = _dot(params.yaw, asked.torque_B, thrust), _dot(params.thrust, asked.torque_B, thrust)
+    return Wrench((roll - L, pitch - M, yaw - N), thrust - lift)

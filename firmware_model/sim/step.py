@@ -25,13 +25,25 @@ from firmware_model.numerics.soa import (
 )
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
-from firmware_model.physics.aerodynamics import Air, AirParams, FreeInputs, FreeParams, Stream
+from firmware_model.physics.aerodynamics import Acting, Air, AirParams, FreeInputs, FreeParams, Surroundings
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
-from firmware_model.physics.rigid_body import Body, BodyInputs, BodyParams, Motion, at_rest
+from firmware_model.physics.rigid_body import (
+    Body,
+    BodyParams,
+    Motion,
+    Wrench,
+    add_motions,
+    at_rest,
+    change_motion,
+    get_wrench,
+    scale_motion,
+    turn_from_outside,
+    with_unit_length,
+)
 from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts, sum_lift
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording import journal
@@ -54,12 +66,17 @@ _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
 _load_motion, _store_motion = loader(Motion), storer(Motion)
-_load_stream, _store_stream = loader(Stream), storer(Stream)
-_X_TORQUE, _X_THRUST = (X_BODY + field_offset(Body, name) for name in ("torque_B", "thrust"))
-_VELOCITY, _Q_NB, _OMEGA = (field_offset(Motion, name) for name in ("velocity_N", "q_NB", "omega_B"))
-_NOW, _END, _STREAM, _ACTUATORS = offsets([Motion, Motion, Stream])
-_COMMAND = _ACTUATORS + 16
-STAGE_ROWS = _COMMAND + 4
+_load_acting, _store_acting = loader(Acting), storer(Acting)
+_load_surroundings, _store_surroundings = loader(Surroundings), storer(Surroundings)
+_load_wrench, _store_wrench = loader(Wrench), storer(Wrench)
+_X_WRENCH, _X_VELOCITY, _X_Q_NB, _X_OMEGA = (
+    X_BODY + field_offset(Body, name) for name in ("torque_B", "velocity_N", "q_NB", "omega_B")
+)
+MIDDLE, END, _START, _NOW, _CHANGE, _OUTSIDE, _COMMAND, _NEAR, _IS_NEAR = offsets(
+    [Acting, Acting, Motion, Motion, Motion, Surroundings, Wrench, Body]
+)
+"""Rows of work space for the accelerations in the middle of a step and at its end."""
+WORK_ROWS = _IS_NEAR + 1
 """Numbers of a flight between the stages of a step."""
 
 
@@ -105,8 +122,11 @@ def advance_kernel(
         limit_command(one, int(get(one, layout.ROTOR_COUNT)), row)
     start = _load_body(x, X_BODY)
     body = start
-    for _ in range(steps):
-        body = integrate_body(one, x, free, body, dt, row)
+    if free:
+        body = aerodynamics.fly(_free_params(one), start, _free_inputs(one, x, True, True, row), dt, steps)
+    else:
+        for _ in range(steps):
+            body = _step_held(one, body, dt, row)
     if not free and (kind == OFF or (kind == WRENCH and setpoint[CLAMPED] != 0.0)):
         body = at_rest(start, body)
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
@@ -177,7 +197,7 @@ def measure(
     if full:
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
-        given = given_by_rotors(_load_loss_params(params, layout.LOSS), body)
+        given = given_by_rotors(_load_loss_params(params, layout.LOSS), get_wrench(body))
         put_vector(record, journal.TORQUE_B, given.torque_B)
         put(record, journal.THRUST, -given.thrust)
 
@@ -190,13 +210,11 @@ def measure_force(params: Lane, state: Lane, free: bool, unusual: bool, noise: F
     """
     body, load = _load_body(state, X_BODY), 0.0
     if free:
-        direct = get_vector(state, X_DIRECT)
-        inputs = FreeInputs(_body_inputs(record, direct, _ZERO, 0.0), _read_air(record), unusual, unusual)
+        inputs = _free_inputs(params, state, unusual, unusual, record)
         force, moment, load = aerodynamics.sensor_wrench(_free_params(params), body, inputs)
-        _put_moment(record, moment, direct)
+        _put_moment(record, moment, get_vector(state, X_DIRECT))
     else:
-        no_inputs = BodyInputs(_ZERO, _ZERO, _ZERO, _ZERO, 0.0)
-        force = rigid_body.specific_force(_load_body_params(params, layout.BODY), body, no_inputs)
+        force = rigid_body.held_force(body.q_NB)
     accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
     put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, noise))
     put(state, X_LOAD, load)
@@ -244,9 +262,10 @@ def _write_air(params: Lane, state: Lane, windy: bool, acts: bool, scripted: Dis
 
 
 @kernel
-def _body_inputs(record: Lane, moment: Vector, torque: Vector, thrust: float) -> BodyInputs:
-    """Return the inputs of the body from the record's sample on, under commands [N*m] B and [N]."""
-    return BodyInputs(torque, moment, get_vector(record, journal.GUST_OMEGA), _ZERO, thrust)
+def _turn_from_outside(params: Lane, moment: Vector, record: Lane) -> Vector:
+    """Return the angular acceleration [rad/s^2] B by a moment [N*m] B and the angular gust of the record's sample."""
+    gust_omega = get_vector(record, journal.GUST_OMEGA)
+    return turn_from_outside(_load_body_params(params, layout.BODY), moment, gust_omega)
 
 
 @kernel
@@ -267,95 +286,142 @@ def _write_rotors(params: Lane, state: Lane, free: bool, record: Lane) -> None:
 
 
 @kernel
-def integrate_body(params: Lane, state: Lane, free: bool, body: Body, dt: float, record: Lane) -> Body:
-    """Return the body after a step of `dt` [s] under the inputs and commands of the record's sample."""
-    if free:
-        return aerodynamics.step(_free_params(params), body, _free_inputs(params, state, True, record), dt)
-    torque, thrust = _read_command(params, record)
-    held = _body_inputs(record, get_vector(record, journal.MOMENT), torque, thrust)
-    return rigid_body.step_attitude(_load_body_params(params, layout.BODY), body, held, dt)
+def _step_held(params: Lane, body: Body, dt: float, record: Lane) -> Body:
+    outside = _turn_from_outside(params, get_vector(record, journal.MOMENT), record)
+    constants = _load_body_params(params, layout.BODY)
+    return rigid_body.step_attitude(constants, body, _read_command(params, record), outside, dt)
 
 
 @kernel
-def _read_command(params: Lane, record: Lane) -> tuple[Vector, float]:
-    """Return the torque [N*m] B and thrust [N] that the actuators give for the record's command."""
+def _read_command(params: Lane, record: Lane) -> Wrench:
+    """Return what the actuators give for the record's command, once their lag has passed."""
     actuators = _load_actuator_params(params, layout.ACTUATORS)
     torque, thrust = get_command(record)
-    return apply_actuator_faults(actuators, torque), thrust
+    return Wrench(apply_actuator_faults(actuators, torque), thrust)
 
 
 @kernel
-def _free_inputs(params: Lane, state: Lane, unusual: bool, record: Lane) -> FreeInputs:
+def _free_inputs(params: Lane, state: Lane, near_ground: bool, failed: bool, record: Lane) -> FreeInputs:
     sag, (torque, thrust) = get(state, X_SAG), _read_command(params, record)
-    torque, thrust = (sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust
-    forces = _body_inputs(record, get_vector(state, X_DIRECT), torque, thrust)
-    return FreeInputs(forces, _read_air(record), unusual, unusual)
+    command = Wrench((sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust)
+    body, air = _load_body_params(params, layout.BODY), _load_air_params(params, layout.AIR)
+    outside = _turn_from_outside(params, get_vector(state, X_DIRECT), record)
+    surroundings = aerodynamics.surround(body, air, get(record, journal.GUST + 2), outside)
+    return FreeInputs(command, surroundings, _read_air(record), near_ground, failed)
 
 
 @kernel
-def step_body(params: Lane, state: Lane, free: bool, dt: float, record: Lane) -> None:
-    """Step the body once, see `integrate_body`."""
-    _store_body(state, X_BODY, integrate_body(params, state, free, _load_body(state, X_BODY), dt, record))
+def step_held(params: Lane, state: Lane, dt: float, record: Lane) -> None:
+    """Step a vehicle on the stand once."""
+    _store_body(state, X_BODY, _step_held(params, _load_body(state, X_BODY), dt, record))
 
 
 @kernel
-def begin_steps(params: Lane, state: Lane, record: Lane, work: Lane) -> None:
-    """Write what the actuators give for the record's command, for `begin_stages` in all steps of a sample."""
-    given = _free_inputs(params, state, False, record).body
-    put_vector(work, _COMMAND, given.torque_command_B)
-    put(work, _COMMAND + 3, given.thrust_command)
+def begin_near_ground(params: Lane, state: Lane, h: float, work: Lane) -> None:
+    """Begin a sample of `h` [s] near the ground.
 
-
-@kernel
-def begin_stages(params: Lane, state: Lane, dt: float, record: Lane, work: Lane) -> None:
-    """Begin to step the body as `step_body` does one in free flight that is not unusual, with the same bits.
-
-    `meet_air` and `step_stage` follow for each of the four stages, each in a loop of its own over flights. A whole step
-    is a chain so long that a processor finds nothing else to do while it waits for a root.
+    If any flight may touch the ground, all fly this sample besides the one away from it.
     """
-    constants, body = _load_body_params(params, layout.BODY), _load_body(state, X_BODY)
-    inputs = _body_inputs(record, _ZERO, get_vector(work, _COMMAND), get(work, _COMMAND + 3))
-    T, torque_B, F, thrust = rigid_body.step_actuators(constants, body, inputs, dt)
-    for i in range(4):
-        put_vector(work, _ACTUATORS + 4 * i, T[i])
-        put(work, _ACTUATORS + 4 * i + 3, F[i])
-    put_vector(state, _X_TORQUE, torque_B)
-    put(state, _X_THRUST, thrust)
+    near = may_touch_ground(params, state, h)
+    put(work, _IS_NEAR, 1.0 if near else 0.0)
+    _store_body(work, _NEAR, _load_body(state, X_BODY))
 
 
 @kernel
-def meet_air(stage: int, params: Lane, state: Lane, record: Lane, work: Lane) -> None:
-    """Meet the air of a stage, 0 to 3: all its roots."""
-    motion = _load_motion(state, X_BODY) if stage == 0 else _load_motion(work, _NOW)
-    thrust, air = get(work, _ACTUATORS + 4 * stage + 3), _load_air_params(params, layout.AIR)
-    _store_stream(work, _STREAM, aerodynamics.meet_air(air, motion, thrust, _read_air(record)))
+def step_near_ground(params: Lane, state: Lane, dt: float, record: Lane, work: Lane) -> None:
+    """Step as if the ground were near; `end_near_ground` drops the result where it is not."""
+    inputs, body = _free_inputs(params, state, True, True, record), _load_body(work, _NEAR)
+    _store_body(work, _NEAR, aerodynamics.step_near_ground(_free_params(params), body, inputs, dt))
 
 
 @kernel
-def step_stage(stage: int, share: float, h: float, params: Lane, state: Lane, record: Lane, work: Lane) -> None:
-    """Do a stage, 0 to 3: its derivative adds `share` [s] to the end of the step, and `h` [s] to the next stage."""
-    constants, inputs = _free_params(params), _free_inputs(params, state, False, record)
-    start, at = _load_motion(state, X_BODY), _ACTUATORS + 4 * stage
+def end_near_ground(state: Lane, work: Lane) -> None:
+    """Replace the state that `end_sample` wrote, if the ground is near."""
+    near, away = _load_body(work, _NEAR), _load_body(state, X_BODY)
+    _store_body(state, X_BODY, near if get(work, _IS_NEAR) != 0.0 else away)
+
+
+@kernel
+def begin_sample(params: Lane, state: Lane, failed: bool, h: float, record: Lane, work: Lane) -> None:
+    """Begin a sample of `h` [s] as `aerodynamics.fly` does away from the ground, with the same bits.
+
+    For each step follow `step_stage` for stage 0, `step_actuators`, and the other stages; then `end_sample`. Each is a
+    loop of its own over flights. A whole step is a chain so long that a processor finds nothing else to do while it
+    waits for a root. Unless any rotor has `failed`, all are sound.
+    """
+    inputs, body = _free_inputs(params, state, False, failed, record), _load_body(state, X_BODY)
+    _store_surroundings(work, _OUTSIDE, inputs.outside)
+    _store_wrench(work, _COMMAND, inputs.command)
+    motion, acting, position_N = aerodynamics.begin_sample(_free_params(params), body, inputs, h)
+    _store_motion(work, _START, motion)
+    _store_acting(work, END, acting)
+    put_vector(state, X_BODY, position_N)
+
+
+@kernel
+def step_actuators(params: Lane, state: Lane, failed: bool, record: Lane, work: Lane) -> None:
+    """Step the actuators; stage 0 is done, and no longer needs the accelerations that this overwrites."""
+    given, inputs = _load_wrench(state, _X_WRENCH), _stage_inputs(failed, record, work)
+    middle, given, end = aerodynamics.step_actuators(_free_params(params), given, inputs)
+    _store_acting(work, MIDDLE, middle)
+    _store_acting(work, END, end)
+    _store_wrench(state, _X_WRENCH, given)
+
+
+@kernel
+def _stage_inputs(failed: bool, record: Lane, work: Lane) -> FreeInputs:
+    outside = _load_surroundings(work, _OUTSIDE)
+    return FreeInputs(_load_wrench(work, _COMMAND), outside, _read_air(record), False, failed)
+
+
+@kernel
+def step_stage(stage: int, acting: int, h: float, params: Lane, record: Lane, work: Lane) -> None:
+    """Do a stage, 0 to 3, with accelerations from the row `acting`; its change in `h` [s] leads to the next stage."""
+    start = _load_motion(work, _START)
     now = start if stage == 0 else _load_motion(work, _NOW)
-    end = start if stage == 0 else _load_motion(work, _END)
-    body, stream = rigid_body.join(now, get_vector(work, at), get(work, at + 3)), _load_stream(work, _STREAM)
-    rate = aerodynamics.motion_rate(constants, body, stream, inputs)
-    end = rigid_body.move_motion(end, share, rate)
-    if stage == 3:
-        _store_motion(state, X_BODY, rigid_body.with_unit_length(end))
+    given = (_stage_inputs(False, record, work), _load_acting(work, acting))
+    rate = aerodynamics.motion_rate(_free_params(params), now, given)
+    change = change_motion(h, rate)
+    if stage < 3:
+        _store_motion(work, _NOW, add_motions(start, change))
+    if stage == 1:
+        change = change_motion(2.0 * h, rate)  # it counts twice, with the same bits as two of it
+    if stage > 0:
+        change = add_motions(_load_motion(work, _CHANGE), change)
+    if stage < 3:
+        _store_motion(work, _CHANGE, change)
     else:
-        now = rigid_body.move_motion(start, h, rate)
-        _store_motion(work, _END, end)
-        put_vector(work, _NOW + _VELOCITY, now.velocity_N)  # away from the ground no stage needs its position
-        _put_float4(work, _NOW + _Q_NB, now.q_NB)
-        put_vector(work, _NOW + _OMEGA, now.omega_B)
+        _store_motion(work, _START, add_motions(start, scale_motion(1.0 / 3.0, change)))
 
 
 @kernel
-def is_unusual(params: Lane, state: Lane, dt: float) -> bool:
-    """Return whether a vehicle in free flight may touch the ground within a step of `dt` [s], or lacks a rotor."""
-    low = can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
-    return low | (get(params, layout.LOSS) != 0.0)
+def end_sample(state: Lane, h: float, record: Lane, work: Lane) -> None:
+    """Write the state after a sample of `h` [s]."""
+    motion, position_N = with_unit_length(_load_motion(work, _START)), get_vector(state, X_BODY)
+    inputs, acting = _stage_inputs(False, record, work), _load_acting(work, END)
+    position_N, velocity_N = aerodynamics.end_sample(position_N, motion, acting, inputs, h)
+    put_vector(state, X_BODY, position_N)
+    put_vector(state, _X_VELOCITY, velocity_N)
+    _put_float4(state, _X_Q_NB, motion.q_NB)
+    put_vector(state, _X_OMEGA, motion.omega_B)
+
+
+@kernel
+def is_unusual(params: Lane, state: Lane) -> bool:
+    """Return whether a vehicle in free flight may touch the ground, or lacks a rotor."""
+    return may_touch_ground(params, state, 0.0) | lacks_rotor(params)
+
+
+@kernel
+def may_touch_ground(params: Lane, state: Lane, dt: float) -> bool:
+    """Return whether a vehicle may touch the ground within `dt` [s]."""
+    return can_touch_ground(_load_ground_params(params, layout.GROUND), _load_body(state, X_BODY), dt)
+
+
+@kernel
+def lacks_rotor(params: Lane) -> bool:
+    """Return whether a rotor has failed."""
+    return get(params, layout.LOSS) != 0.0
 
 
 @kernel

@@ -42,41 +42,53 @@ static inline uint64_t to_bits(double x)
     return bits;
 }
 
+/* Estrin's scheme for eight coefficients, from the lowest power on. */
+static inline double octave(double x, const double a[8])
+{
+    double y = x * x;
+    double low = (a[0] + a[1] * x) + (a[2] + a[3] * x) * y, high = (a[4] + a[5] * x) + (a[6] + a[7] * x) * y;
+    return low + high * (y * y);
+}
+
 /* fdlibm's e_log.c on a positive normal number. */
 static inline double natural_log(double x)
 {
+    static const double a[8] = {
+        6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
+        1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01, 0.0,
+    };
     uint64_t bits = to_bits(x);
     uint64_t biased = (bits - 0x3FE6A09E667F3BCDu + (1024ull << 52)) >> 52;
     double k = from_bits(biased | 0x4330000000000000u) - 4503599627371520.0;
     double f = from_bits(bits - ((biased - 1024) << 52)) - 1.0, s = f / (2.0 + f), z = s * s;
-    double r = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
-        + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01
-        + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01))))));
-    double half = 0.5 * f * f;
+    double r = z * octave(z, a), half = 0.5 * f * f;
     return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f);
 }
 
 /* Wichura's AS 241, PPND16. */
 static inline double central(double u)
 {
+    static const double n[8] = {
+        3.3871328727963666080e0, 1.3314166789178437745e2, 1.9715909503065514427e3, 1.3731693765509461125e4,
+        4.5921953931549871457e4, 6.7265770927008700853e4, 3.3430575583588128105e4, 2.5090809287301226727e3,
+    }, d[8] = {
+        1.0, 4.2313330701600911252e1, 6.8718700749205790830e2, 5.3941960214247511077e3,
+        2.1213794301586595867e4, 3.9307895800092710610e4, 2.8729085735721942674e4, 5.2264952788528545610e3,
+    };
     double q = u - 0.5, r = 0.180625 - q * q;
-    return q * (((((((2.5090809287301226727e3 * r + 3.3430575583588128105e4) * r + 6.7265770927008700853e4) * r
-        + 4.5921953931549871457e4) * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3) * r
-        + 1.3314166789178437745e2) * r + 3.3871328727963666080e0)
-        / (((((((5.2264952788528545610e3 * r + 2.8729085735721942674e4) * r + 3.9307895800092710610e4) * r
-        + 2.1213794301586595867e4) * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2) * r
-        + 4.2313330701600911252e1) * r + 1.0);
+    return q * octave(r, n) / octave(r, d);
 }
 
 static inline double outer(double u)
 {
-    double t = sqrt(-natural_log(u < 1.0 - u ? u : 1.0 - u)) - 1.6;
-    double x = (((((((7.74545014278341407640e-4 * t + 2.27238449892691845833e-2) * t + 2.41780725177450611770e-1) * t
-        + 1.27045825245236838258e0) * t + 3.64784832476320460504e0) * t + 5.76949722146069140550e0) * t
-        + 4.63033784615654529590e0) * t + 1.42343711074968357734e0)
-        / (((((((1.05075007164441684324e-9 * t + 5.47593808499534494600e-4) * t + 1.51986665636164571966e-2) * t
-        + 1.48103976427480074590e-1) * t + 6.89767334985100004550e-1) * t + 1.67638483018380384940e0) * t
-        + 2.05319162663775882187e0) * t + 1.0);
+    static const double n[8] = {
+        1.42343711074968357734e0, 4.63033784615654529590e0, 5.76949722146069140550e0, 3.64784832476320460504e0,
+        1.27045825245236838258e0, 2.41780725177450611770e-1, 2.27238449892691845833e-2, 7.74545014278341407640e-4,
+    }, d[8] = {
+        1.0, 2.05319162663775882187e0, 1.67638483018380384940e0, 6.89767334985100004550e-1,
+        1.48103976427480074590e-1, 1.51986665636164571966e-2, 5.47593808499534494600e-4, 1.05075007164441684324e-9,
+    };
+    double t = sqrt(-natural_log(u < 1.0 - u ? u : 1.0 - u)) - 1.6, x = octave(t, n) / octave(t, d);
     return u < 0.5 ? -x : x;
 }
 
@@ -146,47 +158,95 @@ static inline void sin_cos(double x, double *sine, double *cosine)
 }
 
 typedef struct {
-    double qw, qx, qy, qz, p, q, r, roll, pitch, yaw;
-} Body;
+    double k1, k2, k3, damping_x, damping_y, damping_z;
+} Params;
 
 typedef struct {
-    double k1, k2, k3, inverse_I_x, inverse_I_y, inverse_I_z, damping_x, damping_y, damping_z, bandwidth;
-    double roll, pitch, yaw, L, M, N, p_gust, q_gust, r_gust;
-} Acting;
+    double x, y, z;
+} Vector;
 
-static inline Body derivative(const Acting *a, Body x)
+static inline Vector rate(Params c, Vector omega, Vector turn)
 {
-    double p = x.p, q = x.q, r = x.r;
-    return (Body){
-        -0.5 * (x.qx * p + x.qy * q + x.qz * r),
-        0.5 * (x.qw * p + x.qy * r - x.qz * q),
-        0.5 * (x.qw * q + x.qz * p - x.qx * r),
-        0.5 * (x.qw * r + x.qx * q - x.qy * p),
-        a->k1 * q * r + (x.roll + a->L) * a->inverse_I_x - a->damping_x * (p - a->p_gust),
-        a->k2 * r * p + (x.pitch + a->M) * a->inverse_I_y - a->damping_y * (q - a->q_gust),
-        a->k3 * p * q + (x.yaw + a->N) * a->inverse_I_z - a->damping_z * (r - a->r_gust),
-        a->bandwidth * (a->roll - x.roll),
-        a->bandwidth * (a->pitch - x.pitch),
-        a->bandwidth * (a->yaw - x.yaw),
+    double p = omega.x, q = omega.y, r = omega.z;
+    return (Vector){
+        c.k1 * q * r + (turn.x - c.damping_x * p),
+        c.k2 * r * p + (turn.y - c.damping_y * q),
+        c.k3 * p * q + (turn.z - c.damping_z * r),
     };
 }
 
-static inline Body along(Body x, double h, Body d)
+typedef struct {
+    double w, x, y, z;
+} Quaternion;
+
+static inline Quaternion twice_rate(Quaternion a, Vector omega)
 {
-    return (Body){
-        x.qw + h * d.qw, x.qx + h * d.qx, x.qy + h * d.qy, x.qz + h * d.qz, x.p + h * d.p, x.q + h * d.q,
-        x.r + h * d.r, x.roll + h * d.roll, x.pitch + h * d.pitch, x.yaw + h * d.yaw,
+    double p = omega.x, q = omega.y, r = omega.z;
+    return (Quaternion){
+        -(a.x * p + a.y * q + a.z * r),
+        a.w * p + a.y * r - a.z * q,
+        a.w * q + a.z * p - a.x * r,
+        a.w * r + a.x * q - a.y * p,
     };
 }
 
-static inline Body runge_kutta(const Acting *acting, Body x, double dt)
+static inline Vector times(double h, Vector a)
 {
-    Body a = derivative(acting, x), b = derivative(acting, along(x, 0.5 * dt, a));
-    Body c = derivative(acting, along(x, 0.5 * dt, b)), d = derivative(acting, along(x, dt, c));
-    Body end = along(along(along(along(x, dt / 6.0, a), dt / 3.0, b), dt / 3.0, c), dt / 6.0, d);
-    double scale = 1.0 / sqrt(end.qw * end.qw + end.qx * end.qx + end.qy * end.qy + end.qz * end.qz);
-    end.qw = scale * end.qw, end.qx = scale * end.qx, end.qy = scale * end.qy, end.qz = scale * end.qz;
-    return end;
+    return (Vector){h * a.x, h * a.y, h * a.z};
+}
+
+static inline Vector plus(Vector a, Vector b)
+{
+    return (Vector){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+static inline Quaternion times4(double h, Quaternion a)
+{
+    return (Quaternion){h * a.w, h * a.x, h * a.y, h * a.z};
+}
+
+static inline Quaternion plus4(Quaternion a, Quaternion b)
+{
+    return (Quaternion){a.w + b.w, a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+typedef struct {
+    Quaternion q;
+    Vector omega;
+} Body;
+
+/* A step under the angular accelerations at its begin, in its middle and at its end. */
+static inline Body runge_kutta(Params c, Body x, Vector begin, Vector middle, Vector end, double dt)
+{
+    Vector a = times(0.5 * dt, rate(c, x.omega, begin)), second = plus(x.omega, a);
+    Vector b = times(0.5 * dt, rate(c, second, middle)), third = plus(x.omega, b);
+    Vector e = times(dt, rate(c, third, middle)), fourth = plus(x.omega, e);
+    Vector f = times(0.5 * dt, rate(c, fourth, end));
+    Quaternion i = times4(0.25 * dt, twice_rate(x.q, x.omega));
+    Quaternion j = times4(0.25 * dt, twice_rate(plus4(x.q, i), second));
+    Quaternion k = times4(0.5 * dt, twice_rate(plus4(x.q, j), third));
+    Quaternion l = times4(0.25 * dt, twice_rate(plus4(x.q, k), fourth));
+    Quaternion q = plus4(x.q, times4(1.0 / 3.0, plus4(plus4(plus4(i, plus4(j, j)), k), l)));
+    Vector omega = plus(x.omega, times(1.0 / 3.0, plus(plus(plus(a, plus(b, b)), e), f)));
+    return (Body){times4(1.0 / sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z), q), omega};
+}
+
+static inline Vector approach(double lag, Vector given, Vector command)
+{
+    return (Vector){
+        command.x + lag * (given.x - command.x),
+        command.y + lag * (given.y - command.y),
+        command.z + lag * (given.z - command.z),
+    };
+}
+
+static inline Vector turn(Vector outside, Vector torque, Vector inverse)
+{
+    return (Vector){
+        outside.x + torque.x * inverse.x,
+        outside.y + torque.y * inverse.y,
+        outside.z + torque.z * inverse.z,
+    };
 }
 
 static inline double clamped(double x, double limit)
@@ -270,7 +330,7 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
          double *torque)
 {
     static double u[3][W] ALIGNED, late[3][W] ALIGNED, drawn[12][W] ALIGNED, n[12][W] ALIGNED;
-    static double gust[6][W] ALIGNED, body[10][W] ALIGNED, air[8][W] ALIGNED;
+    static double gust[3][W] ALIGNED, body[10][W] ALIGNED, air[8][W] ALIGNED;
     memcpy(body, state + (X_BODY + 6) * W, sizeof body);
     memcpy(air, state + X_DRYDEN * W, sizeof air);
     memset(z, 0, sizeof z), memset(late, 0, sizeof late);
@@ -300,23 +360,23 @@ void fly(int samples, int substeps, double dt, const double *params, double *sta
             double v = DRY(16) * air[1][w] + DRY(17) * air[2][w], vertical = DRY(31) * air[4][w] + DRY(32) * air[5][w];
             double gain = P(GUST_GAIN);
             gust[0][w] = gain * v, gust[1][w] = -gain * air[0][w], gust[2][w] = P(GUST_GAIN + 1) * gain * vertical;
-            gust[3][w] = air[7][w], gust[4][w] = DRY(33) * (vertical - air[6][w]), gust[5][w] = DRY(18) * (v - air[3][w]);
+            double p = air[7][w], q = DRY(33) * (vertical - air[6][w]), r = DRY(18) * (v - air[3][w]);
+            gust[0][w] = P(BODY + 7) * p + gust[0][w] * P(BODY + 4);
+            gust[1][w] = P(BODY + 8) * q + gust[1][w] * P(BODY + 5);
+            gust[2][w] = P(BODY + 9) * r + gust[2][w] * P(BODY + 6);
         }
         for (int step = 0; step < substeps; step++)
             LANES {
-                Acting acting = {
-                    P(BODY + 1), P(BODY + 2), P(BODY + 3), P(BODY + 4), P(BODY + 5), P(BODY + 6), P(BODY + 7),
-                    P(BODY + 8), P(BODY + 9), P(BODY + 10), u[0][w], u[1][w], u[2][w],
-                    gust[0][w], gust[1][w], gust[2][w], gust[3][w],
-                    gust[4][w], gust[5][w],
-                };
-                Body x = {
-                    body[0][w], body[1][w], body[2][w], body[3][w], body[4][w], body[5][w], body[6][w], body[7][w],
-                    body[8][w], body[9][w],
-                };
-                x = runge_kutta(&acting, x, dt);
-                body[0][w] = x.qw, body[1][w] = x.qx, body[2][w] = x.qy, body[3][w] = x.qz, body[4][w] = x.p;
-                body[5][w] = x.q, body[6][w] = x.r, body[7][w] = x.roll, body[8][w] = x.pitch, body[9][w] = x.yaw;
+                Params c = {P(BODY + 1), P(BODY + 2), P(BODY + 3), P(BODY + 7), P(BODY + 8), P(BODY + 9)};
+                Vector outside = {gust[0][w], gust[1][w], gust[2][w]}, command = {u[0][w], u[1][w], u[2][w]};
+                Vector given = {body[7][w], body[8][w], body[9][w]}, inverse = {P(BODY + 4), P(BODY + 5), P(BODY + 6)};
+                Vector middle = approach(P(BODY + 10), given, command), end = approach(P(BODY + 10), middle, command);
+                body[7][w] = end.x, body[8][w] = end.y, body[9][w] = end.z;
+                Body x = {{body[0][w], body[1][w], body[2][w], body[3][w]}, {body[4][w], body[5][w], body[6][w]}};
+                x = runge_kutta(c, x, turn(outside, given, inverse), turn(outside, middle, inverse),
+                                turn(outside, end, inverse), dt);
+                body[0][w] = x.q.w, body[1][w] = x.q.x, body[2][w] = x.q.y, body[3][w] = x.q.z;
+                body[4][w] = x.omega.x, body[5][w] = x.omega.y, body[6][w] = x.omega.z;
             }
         LANES {
             const double *m = &n[4][w];

@@ -112,8 +112,6 @@ class Batch(NamedTuple):
     """(delay + 1,) their kinds."""
     record: Array
     """(WIDTH * LANES,) records of the sample, see `recording.journal`."""
-    uniform: Array
-    """(12 or 15 * LANES,) uniform random numbers: gust, gyro, and accelerometer if the law reads it."""
     noise: Array
     """(n, 15 * LANES) standard normal random numbers of each seed, in the same order; their sum in the first row."""
     outer: Array
@@ -121,7 +119,7 @@ class Batch(NamedTuple):
     places: NDArray[np.int32]
     """(11 or 14 * LANES,) work space of `inverse_normals`."""
     stages: Array
-    """(STAGE_ROWS * LANES,) work space of the stages of a step in free flight, see `sim.step`."""
+    """(WORK_ROWS * LANES,) work space of the stages of a step in free flight, see `sim.step`."""
     tallies: Array
     """(TALLY_SIZE, LANES) see `scoring.metrics`."""
     readings: Array
@@ -148,11 +146,10 @@ def allocate_batch(law: Law | Library, terms: SparseLaw, delay: int, seeds: int)
         "ring": ring,
         "kinds": np.zeros(delay + 1),
         "record": aligned_zeros(WIDTH * LANES),
-        "uniform": aligned_zeros(drawn + LANES),
         "noise": aligned_zeros(seeds * (_DRAWN + 1) * LANES).reshape(seeds, (_DRAWN + 1) * LANES),
         "outer": aligned_zeros(drawn + BLOCK),
         "places": np.zeros(drawn, dtype=np.int32),
-        "stages": aligned_zeros(step.STAGE_ROWS * LANES),
+        "stages": aligned_zeros(step.WORK_ROWS * LANES),
         "tallies": _zeros(TALLY_SIZE),
     }
 
@@ -183,7 +180,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         reference, now, acts = shared.reference[k], k % late, (k + 1) % late
         for j in range(batch.seeds.shape[0]):
             _draw(batch, j, k)
-            inverse_normals(batch.uniform[: batch.places.size], batch.noise[j], batch.outer, batch.places)
+            inverse_normals(batch.noise[j][: batch.places.size], batch.outer, batch.places)
         _mix_noise(batch, batch.places.size)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
@@ -201,9 +198,11 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         elif free:
             _limit_commands(4, params, record)
         if free:
-            _begin_steps(params, state, record, batch.stages)
-        for _ in range(steps):
-            _integrate(free, params, state, dt / steps, record, batch.stages)
+            _fly_freely(params, state, dt / steps, steps, record, batch.stages)
+        else:
+            for _ in range(steps):
+                for w in range(LANES):
+                    step.step_held(Lane(params, LANES, w), Lane(state, LANES, w), dt / steps, Lane(record, LANES, w))
         _step_turbulence(params, state, noise)
         _tally(shared, tallies, torque_limit, record, k, batch.stages)
         read_kernel(shared.rules, batch.readings, k, reference, batch.tallies, record, limits)
@@ -212,7 +211,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
 @kernel
 def _draw(batch: Batch, j: int, sample: int) -> None:
     """Draw the uniform numbers of the seeds `j` at a sample; those of the accelerometer if the law reads it."""
-    seeds, u = batch.seeds[j], batch.uniform
+    seeds, u = batch.seeds[j], batch.noise[j]
     _draw_block(seeds, random.GUST_STREAM, sample, 0, u, _GUST)
     _draw_block(seeds, random.GUST_STREAM, sample, 1, u, _GUST + 4)
     _draw_block(seeds, random.GYRO_STREAM, sample, 0, u, _GYRO)
@@ -261,7 +260,7 @@ def _observe(free: bool, shared: BatchSetup, batch: Batch, sample: int) -> None:
         for w in range(LANES):
             _measure(free, False, scripted, params, state, noise, time_us, record, w)
     if _feels_force(batch):
-        if _is_unusual(free, params, state, 0.0):
+        if _is_unusual(free, params, state):
             for w in range(LANES):
                 _measure_force(free, True, params, state, noise, record, w)
         else:
@@ -307,12 +306,12 @@ def _measure_force(free: bool, unusual: bool, params: Array, state: Array, noise
 
 
 @kernel
-def _is_unusual(free: bool, params: Array, state: Array, dt: float) -> bool:
-    """Return whether any flight may touch the ground within `dt` [s] or lacks a rotor; mostly none, at less cost."""
+def _is_unusual(free: bool, params: Array, state: Array) -> bool:
+    """Return whether any flight touches the ground or lacks a rotor; mostly none, at less cost."""
     found = False
     if free:
         for w in range(LANES):
-            found |= step.is_unusual(Lane(params, LANES, w), Lane(state, LANES, w), dt)
+            found |= step.is_unusual(Lane(params, LANES, w), Lane(state, LANES, w))
     return found
 
 
@@ -494,35 +493,63 @@ def _limit_commands(rotors: int, params: Array, record: Array) -> None:
 
 
 @kernel
-def _begin_steps(params: Array, state: Array, record: Array, work: Array) -> None:
+def _fly_freely(params: Array, state: Array, dt: float, steps: int, record: Array, work: Array) -> None:
+    """Do the work of `aerodynamics.fly`; mostly no flight is near the ground or lacks a rotor, which costs less."""
+    near, failed, h = False, False, steps * dt
     for w in range(LANES):
-        p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-        step.begin_steps(p, x, row, Lane(work, LANES, w))
+        near |= step.may_touch_ground(Lane(params, LANES, w), Lane(state, LANES, w), h)
+        failed |= step.lacks_rotor(Lane(params, LANES, w))
+    if near:
+        _fly_near_ground(params, state, dt, steps, record, work)
+    if failed:
+        _begin_sample(True, params, state, h, record, work)
+    else:
+        _begin_sample(False, params, state, h, record, work)
+    for _ in range(steps):
+        _step_stage(0, step.END, 0.5 * dt, params, record, work)
+        if failed:
+            _step_actuators(True, params, state, record, work)
+        else:
+            _step_actuators(False, params, state, record, work)
+        _step_stage(1, step.MIDDLE, 0.5 * dt, params, record, work)
+        _step_stage(2, step.MIDDLE, dt, params, record, work)
+        _step_stage(3, step.END, 0.5 * dt, params, record, work)
+    for w in range(LANES):
+        step.end_sample(Lane(state, LANES, w), h, Lane(record, LANES, w), Lane(work, LANES, w))
+    if near:
+        for w in range(LANES):
+            step.end_near_ground(Lane(state, LANES, w), Lane(work, LANES, w))
 
 
 @kernel
-def _integrate(free: bool, params: Array, state: Array, dt: float, record: Array, work: Array) -> None:
-    if free and not _is_unusual(free, params, state, dt):
+def _fly_near_ground(params: Array, state: Array, dt: float, steps: int, record: Array, work: Array) -> None:
+    for w in range(LANES):
+        step.begin_near_ground(Lane(params, LANES, w), Lane(state, LANES, w), steps * dt, Lane(work, LANES, w))
+    for _ in range(steps):
         for w in range(LANES):
             p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-            step.begin_stages(p, x, dt, row, Lane(work, LANES, w))
-        _step_stage(0, dt / 6.0, 0.5 * dt, params, state, record, work)
-        _step_stage(1, dt / 3.0, 0.5 * dt, params, state, record, work)
-        _step_stage(2, dt / 3.0, dt, params, state, record, work)
-        _step_stage(3, dt / 6.0, dt, params, state, record, work)
-    else:
-        for w in range(LANES):
-            step.step_body(Lane(params, LANES, w), Lane(state, LANES, w), free, dt, Lane(record, LANES, w))
+            step.step_near_ground(p, x, dt, row, Lane(work, LANES, w))
 
 
 @kernel
-def _step_stage(stage: int, share: float, h: float, params: Array, state: Array, record: Array, work: Array) -> None:
+def _begin_sample(failed: bool, params: Array, state: Array, h: float, record: Array, work: Array) -> None:
     for w in range(LANES):
         p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-        step.meet_air(stage, p, x, row, Lane(work, LANES, w))
+        step.begin_sample(p, x, failed, h, row, Lane(work, LANES, w))
+
+
+@kernel
+def _step_actuators(failed: bool, params: Array, state: Array, record: Array, work: Array) -> None:
     for w in range(LANES):
         p, x, row = Lane(params, LANES, w), Lane(state, LANES, w), Lane(record, LANES, w)
-        step.step_stage(stage, share, h, p, x, row, Lane(work, LANES, w))
+        step.step_actuators(p, x, failed, row, Lane(work, LANES, w))
+
+
+@kernel
+def _step_stage(stage: int, acting: int, h: float, params: Array, record: Array, work: Array) -> None:
+    for w in range(LANES):
+        p, row = Lane(params, LANES, w), Lane(record, LANES, w)
+        step.step_stage(stage, acting, h, p, row, Lane(work, LANES, w))
 
 
 @kernel

@@ -59,8 +59,8 @@ def test_many_quantiles_are_those_one_by_one_wherever_the_numbers_lie(share: flo
     rng = np.random.default_rng(1)
     central, outer = rng.uniform(0.075, 0.925, 100), rng.choice([0.01, 0.99, 1e-9], 100) * rng.uniform(0.1, 1.0, 100)
     u = np.where(rng.random(100) < share, outer, central)
-    quantiles = np.empty(100)
-    inverse_normals(u, quantiles, np.empty(100 + BLOCK), np.empty(100, dtype=np.int32))
+    quantiles = u.copy()
+    inverse_normals(quantiles, np.empty(100 + BLOCK), np.empty(100, dtype=np.int32))
     assert quantiles.tolist() == [inverse_normal(value) for value in u]
 
 

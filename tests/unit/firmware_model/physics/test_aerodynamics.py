@@ -10,18 +10,24 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
+from firmware_model.numerics.soa import flatten
 from firmware_model.physics.aerodynamics import (
     AIR_DENSITY,
     Air,
+    AirParams,
     FreeInputs,
     FreeParams,
     air_params,
+    begin_sample,
+    motion_rate,
     sensor_wrench,
-    step,
-    sum_inputs,
+    surround,
+)
+from firmware_model.physics.aerodynamics import (
+    fly as fly_sample,
 )
 from firmware_model.physics.ground import ground_params
-from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
+from firmware_model.physics.rigid_body import Body, Wrench, body_params, turn_from_outside
 from firmware_model.recording.journal import RECORD
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import AttitudeTarget, LevelFlight, Setpoint, TorqueCommand
@@ -37,7 +43,7 @@ CALM = Scenario(
     accelerometer=AccelerometerFault(noise=False),
 )
 ZERO = (0.0, 0.0, 0.0)
-NOTHING = BodyInputs(ZERO, ZERO, ZERO, ZERO, 0.0)
+NOTHING = Wrench(ZERO, 0.0)
 STILL = Air(ZERO, ZERO)
 HIGH = Body((0.0, 0.0, -500.0), ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
@@ -47,6 +53,15 @@ def fly(vehicle, scenario: Scenario, setpoint: Setpoint, seconds: float) -> np.n
     loop = VehicleLoop(vehicle, scenario, 1)
     records = [loop.advance(setpoint, 0).copy() for _ in range(round(250 * seconds))]
     return np.array(records).view(RECORD)[:, 0]
+
+
+def constants(vehicle, dt: float = 0.001) -> FreeParams:
+    return FreeParams(body_params(vehicle, dt), air_params(vehicle), ground_params(vehicle))
+
+
+def inputs(params: FreeParams, *, command=NOTHING, air=STILL, moment_B=ZERO, gust_omega_B=ZERO) -> FreeInputs:
+    turn_B = turn_from_outside(params.body, moment_B, gust_omega_B)
+    return FreeInputs(command, surround(params.body, params.air, air.gust_B[2], turn_B), air, True)
 
 
 def wind(*velocity: float) -> Scenario:
@@ -59,40 +74,71 @@ def torque(*torque_B: float, throttle: float | None = None) -> TorqueCommand:
 
 @by_vehicle
 def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
-    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
-    body = HIGH
-    assert sensor_wrench(params, body, FreeInputs(NOTHING, STILL, True))[0] == (0.0, 0.0, 0.0)
-    for _ in range(100):
-        body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.001)
+    params, body = constants(vehicle), HIGH
+    assert sensor_wrench(params, body, inputs(params))[0] == (0.0, 0.0, 0.0)
+    for _ in range(25):
+        body = fly_sample(params, body, inputs(params), 0.001, 4)
     # Drag at 1 m/s is 1/2 rho A v^2; over .1 s it takes less than that from the speed.
     lost = 0.5 * AIR_DENSITY * vehicle.drag_area / vehicle.mass * 0.1
     assert GRAVITY * 0.1 - lost < body.velocity_N[2] < GRAVITY * 0.1
 
 
 @by_vehicle
+def test_in_vacuum_it_falls_as_galileo_found_while_it_turns(vehicle):
+    params = constants(vehicle)._replace(air=AirParams(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    body = HIGH._replace(velocity_N=(3.0, 0.0, 0.0), omega_B=(1.0, -2.0, 0.5))
+    for _ in range(250):
+        body = fly_sample(params, body, inputs(params, air=Air(ZERO, (5.0, -4.0, 1.0))), 0.001, 4)
+    fallen = (3.0, 0.0, -500.0 + 0.5 * GRAVITY)
+    assert body.position_N == pytest.approx(fallen, abs=1e-9)
+    assert body.velocity_N == pytest.approx((3.0, 0.0, GRAVITY), abs=1e-10)
+
+
+@by_vehicle
+def test_the_error_of_all_states_falls_with_the_fourth_power_of_the_step(vehicle):
+    start = HIGH._replace(omega_B=(2.0, -1.0, 3.0), thrust=vehicle.mass * GRAVITY, velocity_N=(4.0, 1.0, -2.0))
+    command = Wrench((0.02, -0.01, 0.01), 1.2 * vehicle.mass * GRAVITY)
+    ends = []
+    for steps in (5, 10, 20, 160):
+        dt, body = 0.2 / steps, start
+        params = constants(vehicle, dt)
+        for _ in range(steps):  # a sample of one step: the path, too, is found anew for each
+            body = fly_sample(params, body, inputs(params, command=command, air=Air((1.0, 2.0, 0.5), ZERO)), dt, 1)
+        ends.append(np.array([*flatten(body)]))
+    coarse, middle, fine = (np.abs(end - ends[3])[:13] for end in ends[:3])
+    np.testing.assert_allclose(np.log2(np.linalg.norm(coarse[:3]) / np.linalg.norm(middle[:3])), 4.0, atol=0.5)
+    np.testing.assert_allclose(np.log2(np.linalg.norm(middle[3:]) / np.linalg.norm(fine[3:])), 4.0, atol=0.5)
+
+
+@by_vehicle
 def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
-    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
-    given = BodyInputs((4.0, 5.0, 6.0), (0.5, -0.25, 0.125), (1.0, 2.0, 3.0), ZERO, 7.0)
-    assert sum_inputs(params, HIGH, FreeInputs(given, STILL, False)) == (given, False, 0.0)
-    hovering = HIGH._replace(thrust=vehicle.mass * GRAVITY)
-    blown, _, _ = sum_inputs(params, hovering, FreeInputs(given, STILL._replace(gust_B=(1.0, 2.0, 4.0)), False))
+    params, hovering = constants(vehicle), HIGH._replace(thrust=vehicle.mass * GRAVITY)
+    given = inputs(params, moment_B=(0.5, -0.25, 0.125), gust_omega_B=(1.0, 2.0, 3.0))
+    blown = inputs(params, moment_B=(0.5, -0.25, 0.125), gust_omega_B=(1.0, 2.0, 3.0), air=Air((1.0, 2.0, 4.0), ZERO))
+    rates = []
+    for each in (given, blown):
+        motion, acting, _ = begin_sample(params, hovering, each, 0.004)
+        rates.append(motion_rate(params, motion, (each, acting)))
+    alone = np.array((0.5, -0.25, 0.125)) / vehicle.inertia_B + np.array(vehicle.rate_damping_B) * (1.0, 2.0, 3.0)
+    assert rates[0].omega_B == pytest.approx(alone)
     gain = vehicle.gust_gain
-    L, M, N = blown.moment_B
-    added = (L - 0.5, M + 0.25, N - 0.125)
-    assert added == pytest.approx((2.0 * gain, -gain, 4.0 * vehicle.gust_yaw_ratio * gain))
+    added = (2.0 * gain, -gain, 4.0 * vehicle.gust_yaw_ratio * gain)
+    assert sensor_wrench(params, hovering, blown)[1] == pytest.approx(added)
+    assert rates[1].omega_B == pytest.approx(alone + np.array(added) / vehicle.inertia_B)
     square = 0.5 * AIR_DENSITY * vehicle.drag_area * math.sqrt(21.0)
     plane, axis = vehicle.rotor_drag + square, vehicle.heave_drag + square
-    assert blown.force_B == pytest.approx((plane, 2.0 * plane, 4.0 * axis))
+    force = np.array((plane, 2.0 * plane, 4.0 * axis - vehicle.mass * GRAVITY))
+    np.testing.assert_allclose(sensor_wrench(params, hovering, blown)[0], force / vehicle.mass)
 
 
 @pytest.mark.compiled
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
-    params = FreeParams(body_params(vehicle, free=True), air_params(vehicle), ground_params(vehicle))
+    params = constants(vehicle, 0.01)
     speed = math.sqrt(vehicle.mass * GRAVITY / (0.5 * AIR_DENSITY * vehicle.drag_area))
     body = HIGH._replace(position_N=(0.0, 0.0, -1e6))
     for _ in range(3000):
-        body = step(params, body, FreeInputs(NOTHING, STILL, True), 0.01)
+        body = fly_sample(params, body, inputs(params), 0.01, 1)
     assert body.velocity_N[2] == pytest.approx(speed, rel=1e-6)
 
 

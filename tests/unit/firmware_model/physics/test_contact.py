@@ -7,9 +7,9 @@ import pytest
 
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.numerics.rotations import from_euler, rotate
-from firmware_model.physics.aerodynamics import Air, FreeInputs, FreeParams, air_params, step, sum_inputs
+from firmware_model.physics.aerodynamics import Air, FreeInputs, FreeParams, air_params, fly, sensor_wrench, surround
 from firmware_model.physics.ground import can_touch_ground, ground_params, ground_wrench, is_at_rest, standing_height
-from firmware_model.physics.rigid_body import Body, BodyInputs, body_params
+from firmware_model.physics.rigid_body import Body, Wrench, body_params
 
 VEHICLE = load_vehicle("paper")
 PARAMS = ground_params(VEHICLE)
@@ -156,11 +156,10 @@ def test_springs_carry_the_weight_at_their_sag_and_swing_no_more():
 
 
 def test_far_from_the_ground_it_is_not_asked_about():
-    params = FreeParams(body_params(VEHICLE, free=True), air_params(VEHICLE), PARAMS)
-    air = Air((3.0, -1.0, 0.5), (2.0, 1.0, 0.0))
-    nothing = BodyInputs(ZERO, ZERO, ZERO, ZERO, 0.0)
-    high = a_body(0.4, (0.1, -0.2, 0.3), (1.0, 2.0, -1.0), (0.1, 0.2, 0.3))._replace(thrust=90.0)
-    inputs = [FreeInputs(nothing, air, low) for low in (True, False)]
-    assert sum_inputs(params, high, inputs[0]) == sum_inputs(params, high, inputs[1])
-    assert step(params, high, inputs[0], 0.001) == step(params, high, inputs[1], 0.001)
-    assert step(params, STANDING, inputs[0], 0.001) != step(params, STANDING, inputs[1], 0.001)
+    params = FreeParams(body_params(VEHICLE, 0.001), air_params(VEHICLE), PARAMS)
+    air, outside = Air((3.0, -1.0, 0.5), (2.0, 1.0, 0.0)), surround(params.body, params.air, 0.5, ZERO)
+    high = a_body(0.6, (0.1, -0.2, 0.3), (1.0, 2.0, -1.0), (0.1, 0.2, 0.3))._replace(thrust=90.0)
+    inputs = [FreeInputs(Wrench(ZERO, 0.0), outside, air, low) for low in (True, False)]
+    assert sensor_wrench(params, high, inputs[0]) == sensor_wrench(params, high, inputs[1])
+    assert fly(params, high, inputs[0], 0.001, 4) == fly(params, high, inputs[1], 0.001, 4)
+    assert fly(params, STANDING, inputs[0], 0.001, 4) != fly(params, STANDING, inputs[1], 0.001, 4)
