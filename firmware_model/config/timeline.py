@@ -17,7 +17,7 @@ class Span(NamedTuple):
     from_s: float
     """[s] begin."""
     to_s: float
-    """[s] end; the begin itself for a moment in time."""
+    """[s] end; the start itself for a moment in time."""
     kind: Literal["gust", "moment", "link", "event"]
     """Table that it comes from."""
     text: str
@@ -25,7 +25,7 @@ class Span(NamedTuple):
 
 
 def timeline(scenario: Scenario) -> tuple[Span, ...]:
-    """Return all that happens in part of the flight, by its begin; what lasts from begin to end is left out.
+    """Return all that happens in part of the flight, by its start; what lasts from start to end is left out.
 
     A step that takes back an earlier one ends it.
 

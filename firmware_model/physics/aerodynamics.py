@@ -257,10 +257,10 @@ def _velocity(R_NB: Matrix, motion: Motion, air: Air) -> Vector:
 
 @kernel
 def _half_path(R_NB: Matrix, motion: Motion, velocity_N: Vector, given: tuple[FreeInputs, Acting], h: float) -> Vector:
-    """Return the part [m] N of a path of `h` [s] that its begin decides; of one of `-h`, less that of its end.
+    """Return the part [m] N of a path of `h` [s] that its start decides; for `-h`, minus the part that its end decides.
 
-    The path is the integral of the cubic through velocity and acceleration at both ends (Hermite), whose error falls
-    with `h` to the fourth power.
+    The velocity along the path is the cubic through velocity and acceleration at both ends (Hermite). Its error falls
+    with `h` to the fourth power. Gravity is the same at both, and cancels.
     """
     inputs, acting = given
     push = to_N(R_NB, _push(acting, inputs.outside, _meet_air(motion, inputs.air)))
@@ -269,9 +269,9 @@ def _half_path(R_NB: Matrix, motion: Motion, velocity_N: Vector, given: tuple[Fr
 
 @kernel
 def begin_sample(params: FreeParams, body: Body, inputs: FreeInputs, h: float) -> tuple[Motion, Acting, Vector]:
-    """Return motion, accelerations and position [m] N at the begin of a sample of `h` [s].
+    """Return motion, accelerations and position [m] N at the start of a sample of `h` [s].
 
-    Part of the sample's path is in the position already; `end_sample` adds the other part.
+    The position holds a part of the sample's path already; `end_sample` adds the other.
     """
     R_NB, acting = rotation_matrix(body.q_NB), _act(params, get_wrench(body), inputs)
     motion = _get_motion(R_NB, body, inputs.air)
@@ -283,7 +283,7 @@ def begin_sample(params: FreeParams, body: Body, inputs: FreeInputs, h: float) -
 def end_sample(
     position_N: Vector, motion: Motion, acting: Acting, inputs: FreeInputs, h: float
 ) -> tuple[Vector, Vector]:
-    """Return position [m] and velocity [m/s] N after a sample of `h` [s] that began at `begin_sample`'s position."""
+    """Return position [m] and velocity [m/s] N at the end of a sample of `h` [s], from `begin_sample`'s position."""
     R_NB = rotation_matrix(motion.q_NB)
     velocity_N = _velocity(R_NB, motion, inputs.air)
     back = _half_path(R_NB, motion, velocity_N, (inputs, acting), -h)

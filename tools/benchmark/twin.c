@@ -215,10 +215,10 @@ typedef struct {
     Vector omega;
 } Body;
 
-/* A step under the angular accelerations at its begin, in its middle and at its end. */
-static inline Body runge_kutta(Params c, Body x, Vector begin, Vector middle, Vector end, double dt)
+/* A step under the angular accelerations at its start, in its middle and at its end. */
+static inline Body runge_kutta(Params c, Body x, Vector start, Vector middle, Vector end, double dt)
 {
-    Vector a = times(0.5 * dt, rate(c, x.omega, begin)), second = plus(x.omega, a);
+    Vector a = times(0.5 * dt, rate(c, x.omega, start)), second = plus(x.omega, a);
     Vector b = times(0.5 * dt, rate(c, second, middle)), third = plus(x.omega, b);
     Vector e = times(dt, rate(c, third, middle)), fourth = plus(x.omega, e);
     Vector f = times(0.5 * dt, rate(c, fourth, end));

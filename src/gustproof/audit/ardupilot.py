@@ -69,7 +69,7 @@ class ArduPilotQuad(Simulator):
         return self.level_flight(seed, dt, air, max(duration, _SHORTEST_S))[1]
 
     def level_flight(self, seed: int, dt: float, air: Air, duration: float) -> tuple[float, list[Motion]]:
-        """Fly level in ALT_HOLD from rest in calm air on; the wind sets in at the begin."""
+        """Fly level in ALT_HOLD from rest in calm air on; the wind sets in at the start."""
         if dt != self._dt:
             self.close()
             self._start(dt)

@@ -95,7 +95,7 @@ def format_values(values: Array | tuple[float, ...]) -> str:
 
 
 def _accelerations(simulator: Simulator, rotors: Array, omega_B: Vector = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
-    """Return acceleration (3,) [m/s^2] N and angular acceleration (3,) [rad/s^2] B at the begin of a flight."""
+    """Return acceleration (3,) [m/s^2] N and angular acceleration (3,) [rad/s^2] B at the start of a flight."""
     motions = simulator.fly(_SEED, _DT, STILL, Start(rotors, omega_B), rotors, 2 * _SPAN * _DT)
     begin, middle, end = (np.concatenate([m.velocity_N, m.omega_B]) for m in motions[::_SPAN])
     # The slopes over h and 2 h, extrapolated to a span of none.

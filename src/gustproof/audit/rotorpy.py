@@ -76,7 +76,7 @@ class RotorPy(Simulator):
         return self._motion()
 
     def step(self, rotors: Array) -> Motion:
-        """Fly a step, with the wind of its begin."""
+        """Fly a step, with the wind of its start."""
         self._state["wind"] = self._wind.update(self._time, self._state["x"])
         control = {"cmd_motor_speeds": rotors * self._params["rotor_speed_max"]}
         self._state = self._vehicle.step(self._state, control, self._dt)

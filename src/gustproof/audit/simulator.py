@@ -116,7 +116,7 @@ class Simulator:
         raise NotReachable("rotors cannot be commanded one by one")
 
     def fly(self, seed: int, dt: float, air: Air, start: Start, rotors: Array, duration: float) -> list[Motion]:
-        """Return the motions of a free flight of `duration` [s] under constant commands, the begin first."""
+        """Return the motions of a free flight of `duration` [s] under constant commands, the start first."""
         begin = self.reset(seed, dt, air, start)
         return [begin, *(self.step(rotors) for _ in range(round(duration / dt)))]
 

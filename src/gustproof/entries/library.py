@@ -32,7 +32,7 @@ _ALLOWED: dict[str, Container[int]] = {
     "rates": (0, 1),
     "lanes": range(4097),
 }
-"""Numbers at the begin of the facts, in their order."""
+"""Numbers at the start of the facts, in their order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

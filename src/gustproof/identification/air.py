@@ -66,7 +66,7 @@ class Air:
     length: Array
     """(3,) [m] scale length of the gust behind each axis: across, along, vertical."""
     time: Array
-    """(n,) [s] of the longest stretch, from the begin of the log, evenly spaced."""
+    """(n,) [s] of the longest stretch, from the start of the log, evenly spaced."""
     acceleration: Array
     """(n, 3) [rad/s^2] smoothed disturbance without its mean; 0 about an axis that is not identified."""
     omega: Array

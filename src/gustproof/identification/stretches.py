@@ -16,7 +16,7 @@ Indices = NDArray[np.int64]
 BIN = 0.004
 """[s] gyro samples within it are averaged: below 25 Hz, where vehicles turn, that loses nothing."""
 SETTLING = 0.35
-"""[s] left out at the begin of a stretch: the actuators' state is unknown there."""
+"""[s] left out at the start of a stretch: the actuators' state is unknown there."""
 _GROUND = 1.5  # [s] left out beside take-off and landing: the ground pushes on the vehicle
 _PIECE = 10.0  # [s] of the pieces of a long log
 _LONGEST_GAP = 0.1  # [s] beyond it a stretch ends

@@ -52,7 +52,7 @@ class TelemetryBuffer:
         return self._facts[name]
 
     def reader(self) -> "BufferReader":
-        """Return a reader at the begin of the buffer."""
+        """Return a reader at the start of the buffer."""
         return BufferReader(self)
 
 

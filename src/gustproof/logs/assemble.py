@@ -86,7 +86,7 @@ class Parameters:
 
 
 def assemble(draft: Draft) -> FlightLog:
-    """Return the log with all signals on one rising clock [s] from its begin.
+    """Return the log with all signals on one rising clock [s] from its start.
 
     A clock that was set anew splits the log; its longest piece by the gyro is kept. Samples that are not numbers, are
     beyond any instrument or repeat a stamp are left out. Each is told in `findings`.

@@ -142,7 +142,7 @@ def _read_names(file: IO[bytes]) -> list[str]:
     while line.startswith(b"#"):
         line = file.readline(_HEADER)
         if len(line) == _HEADER:
-            raise ValueError(f"a line at its begin has more than {_HEADER:,} bytes: not a CSV")
+            raise ValueError(f"a line at its start has more than {_HEADER:,} bytes: not a CSV")
     if b"\0" in line or not line.strip():
         raise ValueError("no line with the names of columns: not a CSV")
     cells = line.decode("utf-8-sig").split(",")

@@ -1,6 +1,6 @@
 """Read the messages of an untrusted MCAP file.
 
-The file is read from its begin, chunk by chunk, without its index; every stated size is only a claim. The size of all
+The file is read from its start, chunk by chunk, without its index; every stated size is only a claim. The size of all
 decompressed chunks is bounded by a multiple of the file's own size before the first is decompressed.
 
 References

@@ -24,7 +24,7 @@ from gustproof.simulate.programs import controller_command
 from gustproof.simulate.witness import Witness
 
 PATIENCE_S = 8.0
-"""[s] wall time from a controller's first message to the begin of the flight."""
+"""[s] wall time from a controller's first message to the start of the flight."""
 STARTUP_S = 30.0
 """[s] wall time from the start of a controller's process to its first message."""
 
