@@ -66,7 +66,8 @@ class Case:
     def make_mix(self, scenario: Scenario, width: int) -> Array:
         """Return the seeds and factors (width, 3) of `mixed_normals`; rows past those needed change no noise."""
         mix = noise_mix(self.seed, (*scenario.turn, *self.turns))
-        return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (width - len(mix), 1))])
+        spare = width - len(mix)
+        return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (spare, 1))]) if spare else mix
 
     def make_initial(self, scenario: Scenario, mix: Array, like: VehicleInitial | None = None) -> VehicleInitial:
         """Return the vehicle's initial state in the varied scenario, without the cost of making that.
