@@ -320,21 +320,24 @@ def fly(params: FreeParams, body: Body, inputs: FreeInputs, dt: float, steps: in
 def step_near_ground(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after a step of `dt` [s] with the ground near; at rest only the actuators move."""
     motion, first = _get_motion(rotation_matrix(body.q_NB), body, inputs.air), _act(params, get_wrench(body), inputs)
+    rests = _rests(params, body, first, inputs.outside, _meet_air(motion, inputs.air))
     middle, given, last = step_actuators(params, get_wrench(body), inputs)
     stages = ((inputs, first), (inputs, middle), (inputs, middle), (inputs, last))
     position_N, end = _near_stages(params, _NearGround(body.position_N, motion), stages, dt)[1]
     end = with_unit_length(end)
     velocity_N = _velocity(rotation_matrix(end.q_NB), end, inputs.air)
     after = Body(position_N, velocity_N, end.q_NB, end.omega_B, given.torque_B, given.thrust)
-    return at_rest(body, after) if _rests(params, body, first, inputs) else after
+    return at_rest(body, after) if rests else after
 
 
 @kernel
-def _rests(params: FreeParams, body: Body, acting: Acting, inputs: FreeInputs) -> bool:
-    """Return whether a vehicle stays at rest on the ground, whose force then balances all others."""
-    v_B = _meet_air(_get_motion(rotation_matrix(body.q_NB), body, inputs.air), inputs.air)
+def _rests(params: FreeParams, body: Body, acting: Acting, outside: Surroundings, v_B: Vector) -> bool:
+    """Return whether a vehicle stays at rest on the ground, whose force then balances all others.
+
+    `v_B` [m/s] B is the velocity of the air relative to the vehicle.
+    """
     (p, q, r), constants = _turn(acting, v_B), params.body
-    force = scale(1.0 / constants.inverse_mass, _push(acting, inputs.outside, v_B))
+    force = scale(1.0 / constants.inverse_mass, _push(acting, outside, v_B))
     moment = (p / constants.inverse_I_x, q / constants.inverse_I_y, r / constants.inverse_I_z)
     return (ground_wrench(params.ground, body)[2] > 0.0) & is_at_rest(params.ground, body, force, moment)
 
@@ -353,7 +356,8 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
     if inputs.near_ground and can_touch_ground(params.ground, body, 0.0):
         ground, _, load = ground_wrench(params.ground, body)
         force = add(force, scale(params.body.inverse_mass, ground))
-        force = rigid_body.held_force(body.q_NB) if _rests(params, body, acting, inputs) else force
+        rests = _rests(params, body, acting, inputs.outside, v_B)
+        force = rigid_body.held_force(body.q_NB) if rests else force
     given = given_by_rotors(params.loss, given) if inputs.failed else given
     gain = _rotor_speed(params.air, given.thrust) * params.air.gust_gain
     return force, gust_moment(gain, params.air.gust_yaw_ratio, (v_B[0], v_B[1], inputs.air.gust_B[2])), load

@@ -36,10 +36,12 @@ from firmware_model.physics.rigid_body import (
     BodyParams,
     Motion,
     Wrench,
+    add,
     add_motions,
     at_rest,
     change_motion,
     get_wrench,
+    scale,
     scale_motion,
     turn_from_outside,
     with_unit_length,
@@ -193,7 +195,7 @@ def measure(
     if not free:
         air = _load_air_params(params, layout.AIR)
         moment = gust_moment(air.gust_gain, air.gust_yaw_ratio, get_vector(record, journal.GUST))
-        _put_moment(record, moment, direct)
+        put_vector(record, journal.MOMENT, add(moment, direct))
     if full:
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
@@ -212,17 +214,12 @@ def measure_force(params: Lane, state: Lane, free: bool, unusual: bool, noise: F
     if free:
         inputs = _free_inputs(params, state, unusual, unusual, record)
         force, moment, load = aerodynamics.sensor_wrench(_free_params(params), body, inputs)
-        _put_moment(record, moment, get_vector(state, X_DIRECT))
+        put_vector(record, journal.MOMENT, add(moment, get_vector(state, X_DIRECT)))
     else:
         force = rigid_body.held_force(body.q_NB)
     accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
     put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, noise))
     put(state, X_LOAD, load)
-
-
-@kernel
-def _put_moment(record: Lane, a: Vector, b: Vector) -> None:
-    put_vector(record, journal.MOMENT, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
 
 
 @kernel
@@ -251,14 +248,14 @@ def _write_air(params: Lane, state: Lane, windy: bool, acts: bool, scripted: Dis
         to_B = conjugate(body.q_NB)
         rotated_gust, rotated_moment = rotate(to_B, gust_N), rotate(to_B, moment_N)
     turbulence, angular_gust = dryden_gust(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN))
-    scale = get(params, layout.GUST_SCALE)
+    strength = get(params, layout.GUST_SCALE)
     for i in range(3):
-        put(record, journal.GUST + i, scale * (turbulence[i] + gust_B[i] + rotated_gust[i]))
-        put(record, journal.GUST_OMEGA + i, scale * angular_gust[i])
+        put(record, journal.GUST + i, strength * (turbulence[i] + gust_B[i] + rotated_gust[i]))
+        put(record, journal.GUST_OMEGA + i, strength * angular_gust[i])
     if windy:
         winds = _load_mean_wind_params(params, layout.MEAN_WIND)
         put_vector(record, journal.WIND, mean_wind(winds, -body.position_N[2]))
-    return moment_B[0] + rotated_moment[0], moment_B[1] + rotated_moment[1], moment_B[2] + rotated_moment[2]
+    return add(moment_B, rotated_moment)
 
 
 @kernel
@@ -303,7 +300,7 @@ def _read_command(params: Lane, record: Lane) -> Wrench:
 @kernel
 def _free_inputs(params: Lane, state: Lane, near_ground: bool, failed: bool, record: Lane) -> FreeInputs:
     sag, (torque, thrust) = get(state, X_SAG), _read_command(params, record)
-    command = Wrench((sag * torque[0], sag * torque[1], sag * torque[2]), sag * thrust)
+    command = Wrench(scale(sag, torque), sag * thrust)
     body, air = _load_body_params(params, layout.BODY), _load_air_params(params, layout.AIR)
     outside = _turn_from_outside(params, get_vector(state, X_DIRECT), record)
     surroundings = aerodynamics.surround(body, air, get(record, journal.GUST + 2), outside)

@@ -84,6 +84,20 @@ def test_without_thrust_it_falls_with_g_and_feels_nothing(vehicle):
 
 
 @by_vehicle
+def test_in_vacuum_it_falls_and_thrust_equal_to_weight_holds_it_which_the_accelerometer_feels(vehicle):
+    params = constants(vehicle, 0.01)._replace(air=AirParams(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    weight, rest = vehicle.mass * GRAVITY, HIGH._replace(position_N=ZERO)
+    falls, hovers = rest._replace(velocity_N=(3.0, 0.0, 0.0)), rest._replace(thrust=weight)
+    nothing, lift = (inputs(params, command=Wrench(ZERO, F))._replace(near_ground=False) for F in (0.0, weight))
+    assert sensor_wrench(params, hovers, lift)[0] == pytest.approx((0.0, 0.0, -GRAVITY), rel=1e-15)
+    for _ in range(200):
+        falls, hovers = fly_sample(params, falls, nothing, 0.01, 1), fly_sample(params, hovers, lift, 0.01, 1)
+    fallen = (falls.position_N[0], falls.position_N[2], falls.velocity_N[2])
+    assert fallen == pytest.approx((6.0, 0.5 * GRAVITY * 4.0, GRAVITY * 2.0), rel=1e-12)
+    assert (hovers.position_N[2], hovers.velocity_N[2]) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+@by_vehicle
 def test_in_vacuum_it_falls_as_galileo_found_while_it_turns(vehicle):
     params = constants(vehicle)._replace(air=AirParams(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     body = HIGH._replace(velocity_N=(3.0, 0.0, 0.0), omega_B=(1.0, -2.0, 0.5))

@@ -141,19 +141,14 @@ def test_a_rate_decays_with_the_derived_damping_of_its_axis(axis: int) -> None:
 
 def test_a_body_that_falls_and_turns_keeps_the_velocity_of_the_air_that_stands() -> None:
     """Without forces the air falls upward past the body, in N, however the body turns."""
-    stages, constants = (
-        make_stages(
-            lambda constants, motion, _: motion_rate(constants, motion, ZERO, ZERO),
-            change_motion,
-            add_motions,
-            scale_motion,
-        ),
-        params(0.001),
+    constants = params(0.001)
+    stages = make_stages(
+        lambda _, motion, __: motion_rate(constants, motion, ZERO, ZERO), change_motion, add_motions, scale_motion
     )
     motion = Motion((3.0, -1.0, 0.5), from_euler(0.3, -0.2, 0.1), (0.8, -1.5, 2.0))
     start_N = rotate(motion.q_NB, motion.flow_B)
     for _ in range(1000):
-        motion = stages(constants, motion, (None,) * 4, 0.001)[1]
+        motion = stages(None, motion, (None,) * 4, 0.001)[1]
     fallen = (start_N[0], start_N[1], start_N[2] - GRAVITY)
     np.testing.assert_allclose(rotate(motion.q_NB, motion.flow_B), fallen, rtol=1e-11)
 
