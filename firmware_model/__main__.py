@@ -10,7 +10,6 @@ if __name__ == "__main__":  # what is imported stays: to look for garbage in it 
     gc.disable()
 
 import json
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -29,6 +28,7 @@ from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.process import access, realtime, status_line, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
+from firmware_model.process.interrupts import call_on_interrupt
 from firmware_model.process.tlog import Tlog
 from firmware_model.process.words import read_words
 from firmware_model.recording.journal import JournalWriter, record_type
@@ -67,9 +67,7 @@ class VehicleOptions:
     bind: str = access.LOOPBACK
     """Local address to listen on."""
     signing_key: Path | None = None
-    """File with the key that signs every message."""
-    unsigned: bool = False
-    """True to accept commands from anyone, without a key."""
+    """File with the key that signs every message; `none` to accept commands from anyone."""
     journal: Path | None = None
     """New file for the records of the flight."""
     metadata: Path | None = None
@@ -129,7 +127,7 @@ def _is_interactive(options: VehicleOptions) -> bool:
 def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, interactive: bool, generic: bool) -> int:
     with ExitStack() as stack:
         host, _ = udp.resolve(options.bind, 0)
-        signing = access.make_signing(host, options.signing_key, unsigned=options.unsigned)
+        signing = access.make_signing(host, options.signing_key)
         ports, remote_ports = _choose_ports(options)
         sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
         journal = _open_journal(stack, options, scenario, vehicle)
@@ -147,8 +145,7 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         )
         if journal:
             endpoint.flush = journal.flush
-        signal.signal(signal.SIGINT, lambda *_: endpoint.interrupt())
-        signal.signal(signal.SIGTERM, lambda *_: endpoint.interrupt())
+        call_on_interrupt(endpoint.interrupt)
         # Load or compile the machine code before a peer waits for it.
         _tell_compiling(silent=options.json or not interactive)
         load_step(vehicle, scenario, options.seed)
@@ -318,7 +315,7 @@ def _print_parameters(options: VehicleOptions, parameters: Parameters) -> None:
 
 
 def _print_facts(options: VehicleOptions, facts: dict[str, Any], text: str) -> None:
-    print(json.dumps(facts) if options.json else text, flush=True)
+    print(json.dumps(to_jsonable_python(facts, inf_nan_mode="null")) if options.json else text, flush=True)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
 
-import coverage
 import pytest
 import typer.testing
+
+from firmware_model.config.whole_file import OVERWRITES
 
 UNITS = Path(__file__).with_name("unit")
 
@@ -35,41 +36,24 @@ def pytest_collection():
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Refuse a test that neither pass of the gate would run: the first takes plain ones from tests/unit alone."""
+    """Measure coverage of unit tests that are not slow: the others would take half as long again, and reach no more."""
     for item in items:
-        elsewhere = UNITS not in item.path.parents or any(map(item.get_closest_marker, ("compiled", "slow")))
-        if elsewhere and item.get_closest_marker("plain"):
-            raise pytest.UsageError(f"{item.nodeid}: marked plain, it would never run")
+        if UNITS not in item.path.parents or item.get_closest_marker("slow"):
+            item.add_marker("no_cover")
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Let tests marked `traced` count for coverage, into files that begin with the environment's TRACE_TO."""
-    if begin := os.environ.get("TRACE_TO"):
-        config.pluginmanager.register(Tracer(begin))
+def pytest_configure() -> None:
+    """Let Ctrl-C reach the programs that tests start, also where a shell began this run in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-class Tracer:
-    """Measures the lines and branches of some tests, and costs the others nothing."""
-
-    def __init__(self, begin: str) -> None:
-        self._coverage, self._traced = coverage.Coverage(begin, data_suffix=True), False
-        # Packages are imported before, and a worker may get no such test.
-        self._coverage.set_option("run:disable_warnings", ["module-not-measured", "no-data-collected"])
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        if item.get_closest_marker("traced") is None:
-            return (yield)
-        self._traced = True
-        self._coverage.start()
-        try:
-            return (yield)
-        finally:
-            self._coverage.stop()
-
-    def pytest_sessionfinish(self) -> None:
-        if self._traced:
-            self._coverage.save()
+@pytest.fixture(autouse=True)
+def files_may_be_written_over() -> Iterator[None]:
+    """Undo what an option's parser leaves behind where a test calls it outside a command."""
+    token = OVERWRITES.set(True)
+    yield
+    OVERWRITES.reset(token)
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -87,7 +71,7 @@ def start_as_users() -> Iterator[Callable[[pytest.MonkeyPatch], None]]:
     To start Python and load the libraries takes .4 s of CPU, a flight .05 s. Yield what starts them as for users
     instead, as a test needs that patches what they use. What it starts by a command line of its own is not copied.
     """
-    from gustproof.simulate.processes import launch
+    from gustproof.flight.routes.processes import launch
 
     with pytest.MonkeyPatch.context() as patch:
         _patch_launch(patch, _launch)
@@ -101,8 +85,8 @@ def started_as_users(start_as_users, monkeypatch) -> None:
 
 
 def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Popen[str]]) -> None:
-    for room in ("processes", "inspection", "guest"):
-        patch.setattr(f"gustproof.simulate.{room}.launch", launch)
+    for module in ("routes.processes", "routes.external", "protocol_check.inspection"):
+        patch.setattr(f"gustproof.flight.{module}.launch", launch)
 
 
 def _launch(module: str, *arguments: str) -> subprocess.Popen[str]:

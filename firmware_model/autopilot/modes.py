@@ -25,6 +25,8 @@ LAND_DETECTION_US = 1_000_000
 """[us] time on the ground, or level on the stand, that ends a landing."""
 _LEVEL_TILT = 0.1  # [rad] tilt below which the vehicle on the stand is level
 _MAX_ARMING_TILT = math.radians(45.0)  # [rad] tilt above which the vehicle lies on its side and arming is refused
+_CRASH_TILT = math.radians(60.0)  # [rad] tilt beyond which a vehicle on the ground has crashed; PX4's FD_FAIL_R
+_CRASH_DETECTION_US = 2_000_000  # [us] time at such a tilt that ends in disarming
 _TAKEOFF_RANGE_M = (1.0, 500.0)  # [m] heights of a take-off
 
 
@@ -82,7 +84,7 @@ class TransitionResult(Enum):
 
     ACCEPTED = "accepted"
     """Done, or already the case."""
-    NO_STREAM = "OFFBOARD rejected: no set-points"
+    NO_STREAM = "OFFBOARD rejected: no usable set-points"
     """OFFBOARD, or arming in it, without a live stream."""
     IN_FLIGHT = "in the air: land first, or force it"
     """Disarming in the air."""
@@ -121,13 +123,20 @@ class AutopilotEvent(Enum):
     """The take-off is over."""
     LANDED = "landed: disarmed"
     """The landing is over."""
+    CRASHED = "crashed: disarmed"
+    """It lay on its side or back on the ground."""
     SLIPPED = "machine too slow: model time slips"
     """Real time: samples were late, and the delay is not caught up."""
 
     @property
-    def is_critical(self) -> bool:
+    def is_fail_safe(self) -> bool:
         """True if it is a fail-safe."""
         return self in _FAIL_SAFE_EVENTS.values()
+
+    @property
+    def is_critical(self) -> bool:
+        """True if it is a fail-safe, or a crash."""
+        return self.is_fail_safe or self is AutopilotEvent.CRASHED
 
 
 _FAIL_SAFE_EVENTS = dict(
@@ -171,6 +180,7 @@ class Autopilot:
         self._navigation_state = NavigationState(self.home_N, 0.0, 0.0, True)
         self._last_setpoint_us: int | None = None
         self._landed_since_us: int | None = None
+        self._crashed_since_us: int | None = None
         self._takeoff_height = settings.takeoff_height
         self._legs: tuple[Leg, ...] = ()
         self._yaw = 0.0
@@ -291,6 +301,7 @@ class Autopilot:
     def setpoint(self, command: Command | None, now: NavigationState) -> Setpoint:
         """Return the set-point of a sample; `command` is the outside controller's, flown in OFFBOARD."""
         self._navigation_state = now
+        self._update_crashed(now)
         self._update_landed(now)
         if not self.armed:
             if not self.airborne:
@@ -343,6 +354,20 @@ class Autopilot:
                 self.armed = False
                 self._enter_mode(Mode.HOLD)
                 self.add_event(AutopilotEvent.LANDED)
+
+    def _update_crashed(self, now: NavigationState) -> None:
+        """Disarm a vehicle that has lain on the ground beyond `_CRASH_TILT` for a while, whatever its mode.
+
+        Its rotors would throw it about for ever. It may bounce meanwhile, so it needs contact first and last alone.
+        """
+        if not (self.free and self.armed and now.tilt > _CRASH_TILT):
+            self._crashed_since_us = None
+        elif now.on_ground:
+            self._crashed_since_us = self.clock_us if self._crashed_since_us is None else self._crashed_since_us
+            if self.clock_us >= self._crashed_since_us + _CRASH_DETECTION_US:
+                self.armed = self.airborne = False
+                self._enter_mode(Mode.HOLD)
+                self.add_event(AutopilotEvent.CRASHED)
 
     def _enter_mode(self, mode: Mode) -> None:
         self.mode, self.in_fail_safe, self._legs, self._landed_since_us = mode, False, (), None

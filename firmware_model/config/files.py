@@ -18,7 +18,8 @@ from pydantic_core import from_json, to_jsonable_python
 
 from firmware_model.config.toml_lines import find_line
 from firmware_model.config.validation import did_you_mean, list_errors, sanitize_line
-from firmware_model.errors import ConfigError, ConfigErrors, naming
+from firmware_model.config.whole_file import whole_file
+from firmware_model.errors import ConfigError, ConfigErrors
 
 Parsed = TypeVar("Parsed")
 MIB = 1 << 20
@@ -28,6 +29,20 @@ _TOML = 2 * MIB  # [bytes] the parser takes seconds for this much
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
 _KEYS = 50_000  # of a document: each unknown key is an error and takes a kilobyte until it is reported
 _LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
+
+
+_KINDS = {  # a key that each kind needs and no other has
+    "vehicle": ("inertia_B", "a vehicle file: give it as --vehicle"),
+    "scenario": ("duration_s", "a scenario file: give it as the scenario, --scenario or --air"),
+    "design": ("W_e", "a design file: it is for gustproof design"),
+}
+_SUFFIXES = {  # of files of other kinds, by what takes them
+    **dict.fromkeys((".json", ".mat"), "a law is given as --law"),
+    **dict.fromkeys((".params", ".param", ".parm"), "parameters are given as --law or --params, or to judge"),
+    **dict.fromkeys((".ulg", ".bin", ".log", ".csv"), "gustproof identify makes a vehicle of a flight log"),
+    ".parquet": "a campaign's table is for gustproof report",
+}
+_HINTS = {("law", ".mat"): "gustproof export FILE.mat --law FILE.json makes one of it"}  # where only a law file will do
 
 
 def checked_name(name: str) -> str:
@@ -172,8 +187,19 @@ def read_toml(
         If there is no such file, it is not TOML, or a key or value is not allowed.
     """
     path = shipped_path(kind.__name__.lower(), name_or_path, folder)
-    document = {"name": path.stem, **complete(read_document(path), path)}
+    content = read_document(path)
+    _refuse_other_kind(kind.__name__.lower(), content, path)
+    document = {"name": path.stem, **complete(content, path)}
     return validate(kind, document, str(path), lambda key: find_line(read_text(path, _TOML), key))
+
+
+def _refuse_other_kind(kind: str, document: Mapping[str, Any], path: Path) -> None:
+    """Refuse a file that has the key of another kind and not that of its own: each of its keys would be an error."""
+    if _KINDS.get(kind, ("",))[0] in document:
+        return
+    for key, what in _KINDS.values():
+        if key in document:
+            raise ConfigError(f"{path}: is {what}")
 
 
 def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str = ".toml") -> Path:
@@ -187,6 +213,9 @@ def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str 
     path = Path(name_or_path)
     if path.suffix == suffix:
         return path
+    if path.exists() and path.suffix != suffix and ("/" in str(name_or_path) or path.suffix):
+        hint = _HINTS.get((kind, path.suffix.lower()), _SUFFIXES.get(path.suffix.lower(), ""))
+        raise ConfigError(f"{path}: is no {kind}, which is a {suffix} file or a name{hint and f'; {hint}'}")
     if str(name_or_path) not in (shipped := list_shipped(folder, suffix)):
         name, near = sanitize_line(str(name_or_path)), did_you_mean(str(name_or_path), shipped)
         instead = f"{near} Or" if near else ":"
@@ -240,15 +269,15 @@ def _type_adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text as UTF-8.
+    """Write a text as UTF-8, whole or not at all; see `whole_file`.
 
     Raises
     ------
     OSError
         If the file can't be written; the error names it.
     """
-    with naming(path):
-        path.write_text(text, encoding="utf-8")
+    with whole_file(path) as file:
+        file.write(text.encode())
 
 
 def write_toml(value: Any, path: Path) -> None:

@@ -6,7 +6,7 @@ torque of 1.0 is not the vehicle's `torque_limit`. Motors are linear: thrust is 
 
 import numpy as np
 
-from firmware_model.config.vehicle import GRAVITY, Rotors, Vehicle
+from firmware_model.config.vehicle import GRAVITY, FullScale, Rotors, Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 
@@ -14,6 +14,8 @@ Parameters = dict[str, str]
 _SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: motor commands of thrust 0 and 1
 _X_SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # forward, right
 _X_SPIN = (1, 1, -1, -1)
+_OWN_SCALES = ("px4", "ardupilot")  # autopilots whose logs have a command of their own scale
+_SAME_TORQUE = 0.1  # [-] relative difference of torques within which rotors are those of a log
 
 
 def hover_fraction(vehicle: Vehicle) -> float:
@@ -90,6 +92,76 @@ def ardupilot_full_torque(vehicle: Vehicle) -> Vector:
     _check_x(vehicle)
     roll_pitch = [(-0.5 * right, 0.5 * forward) for forward, right in _X_SIDES]
     return _full_torque(vehicle.rotors, np.column_stack([roll_pitch, 0.5 * np.array(_X_SPIN)]))
+
+
+def measured_torque(autopilot: str, vehicle: Vehicle) -> Vector | None:
+    """Return the torque [N*m] B of the command 1.0 of `px4` or `ardupilot` as a log told; `None` if the rotors tell.
+
+    ArduPilot's is that at the range of thrust that its motors spanned in the log.
+
+    Raises
+    ------
+    ConfigError
+        If neither a log nor the rotors tell it, or a log of another autopilot does.
+    """
+    command = vehicle.command
+    if command is None or command.full_scale is FullScale.ROTORS:
+        return None
+    if command.full_scale is FullScale.UNKNOWN:
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': what a command of 1.0 of {autopilot} gives is unknown: its log has no such "
+            "command, and its rotors are assumed. Identify it from a log of that autopilot, or with --like"
+        )
+    if command.autopilot in _OWN_SCALES and command.autopilot != autopilot:
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': a log of {command.autopilot} measured what its command of 1.0 gives, which is "
+            f"not that of {autopilot}"
+        )
+    return vehicle.torque_limit
+
+
+def is_measured(vehicle: Vehicle) -> bool:
+    """Return whether a log, not the rotors, tells what a command of 1.0 gives: then its rotors are assumed."""
+    return vehicle.command is not None and vehicle.command.full_scale is FullScale.MEASURED
+
+
+def check_measured(vehicle: Vehicle) -> None:
+    """Refuse a vehicle whose torque in yaw is a guess; roll and pitch have each other's measure.
+
+    Raises
+    ------
+    ConfigError
+        If its log did not excite yaw.
+    """
+    if is_measured(vehicle) and vehicle.command and "yaw" in vehicle.command.unmeasured:
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': its log did not excite yaw, so what a command of yaw gives is a guess: fly "
+            "steps of yaw, and identify it again"
+        )
+
+
+def check_rotors(vehicle: Vehicle) -> None:
+    """Refuse a vehicle that its rotors do not fly as its log measured: a simulated autopilot flies the rotors.
+
+    Raises
+    ------
+    ConfigError
+        If the torque of a command of 1.0 by the rotors is not the measured one.
+    """
+    command = vehicle.command
+    if command is None or command.full_scale is FullScale.ROTORS:
+        return
+    by_rotors: Vector | None = None
+    if is_measured(vehicle) and command.autopilot == "px4":
+        by_rotors = px4_full_torque(vehicle.rotors)
+    elif is_measured(vehicle) and command.autopilot == "ardupilot":
+        roll, pitch, yaw = ardupilot_full_torque(vehicle)
+        by_rotors = command.thrust_range * roll, command.thrust_range * pitch, command.thrust_range * yaw
+    if by_rotors is None or not np.allclose(by_rotors, vehicle.torque_limit, rtol=_SAME_TORQUE):
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': its rotors are assumed, and do not give the torque that its log measured: an "
+            "autopilot in simulation would fly another vehicle. Give [rotors] that do, and leave out [command]"
+        )
 
 
 def _full_torque(rotors: Rotors, mixer: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Vector:

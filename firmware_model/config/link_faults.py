@@ -16,7 +16,7 @@ class _LinkFault(Tagged, TimeWindow):
 
 
 @tagged_dataclass("delay")
-class Delay(_LinkFault):
+class LinkDelay(_LinkFault):
     """Constant delay of every datagram."""
 
     delay_s: Positive
@@ -92,5 +92,5 @@ class Bandwidth(_LinkFault):
     """Datagrams that may wait while one is in transmission."""
 
 
-AnyFault = Delay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth
+AnyFault = LinkDelay | Jitter | Loss | BurstLoss | Duplication | Reordering | Bandwidth
 LinkFault = Annotated[AnyFault, Field(discriminator="kind")]

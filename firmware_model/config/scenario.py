@@ -1,7 +1,7 @@
 """Scripted flight: duration, rates, air, faults and requirements. A TOML file with units in its keys."""
 
 import math
-from dataclasses import field
+from dataclasses import field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,10 +13,16 @@ from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
+from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
+from firmware_model.errors import ConfigError
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
+CONTROL_RATE_HZ = 250
+"""[Hz] Samples of a scenario that does not say."""
+MOST_DELAY = 50
+"""[samples] largest delay of a scenario."""
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
 
@@ -83,11 +89,11 @@ class Scenario:
     """Held on a test stand, as in the paper, free in attitude only; or in free flight."""
     altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
     """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
-    control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = 250
+    control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = CONTROL_RATE_HZ
     """[Hz] samples and commands."""
     physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
     """[Hz] integration steps, a multiple of `control_rate_hz`."""
-    delay_samples: Annotated[int, Field(ge=0, le=50)] = 1
+    delay_samples: Annotated[int, Field(ge=0, le=MOST_DELAY)] = 1
     """[samples] from a sample until its command acts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     """[deg] initial roll, pitch, yaw, at rest; a vehicle on the ground stands level."""
@@ -108,7 +114,7 @@ class Scenario:
     require: Annotated[tuple[Requirement, ...], _MANY] = ()
     """Requirements."""
     turn: Annotated[tuple[NoiseTurn, ...], _MANY] = ()
-    """Turns, in order, of the random numbers that the flight's seed gives; `campaign --rare` finds them."""
+    """Turns, in order, of the random numbers that the flight's seed gives; `campaign rare` finds them."""
 
     @model_validator(mode="after")
     def _check_rates(self) -> Self:
@@ -264,6 +270,23 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     60.0
     """
     return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
+
+
+def with_measured_delay(scenario: Scenario, vehicle: Vehicle) -> Scenario:
+    """Return the scenario with a sample and the delay that a log of the vehicle measured, if its own is shorter.
+
+    Raises
+    ------
+    ConfigError
+        If it is longer than a scenario's delay may be.
+    """
+    late = 0 if vehicle.command is None else 1 + vehicle.command.samples(scenario.dt)
+    if late > MOST_DELAY:
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': command.delay is {late} samples of scenario '{scenario.name}', "
+            f"{MOST_DELAY} are allowed"
+        )
+    return replace(scenario, delay_samples=late) if late > scenario.delay_samples else scenario
 
 
 def scenario_path(name_or_path: str | Path) -> Path:

@@ -30,15 +30,10 @@ class Spread:
         return self
 
     def value(self, delta: float) -> float:
-        """Return the number at the normalised `delta`."""
-        b, c = normalisation(self.low, self.nominal, self.high)
+        """Return the number at the normalised `delta`: `nominal + b delta / (1 + c delta)`, linear about the middle."""
+        up, down = self.high - self.nominal, self.nominal - self.low
+        b, c = 2.0 * up * down / (up + down), (down - up) / (up + down)
         return self.nominal + b * delta / (1.0 + c * delta)
-
-
-def normalisation(low: float, nominal: float, high: float) -> tuple[float, float]:
-    """Return `b` and `c` of `value = nominal + b delta / (1 + c delta)`; linear if nominal is the middle."""
-    up, down = high - nominal, nominal - low
-    return 2.0 * up * down / (up + down), (down - up) / (up + down)
 
 
 def take_nominal(document: Mapping[str, Any], source: str) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def _format_value(kind: Any, key: str, item: Any) -> str:
     message = str(item["ctx"]["error"]) if item["type"] == "value_error" else _toml_wording(item["msg"])
     if isinstance(item["input"], float) and not math.isfinite(item["input"]):
         message = "must be a finite number"
-    given = "" if isinstance(item["input"], dict) else f" (given {item['input']!r})"
+    given = "" if not key or isinstance(item["input"], dict) else f" (given {item['input']!r})"
     many = not given and item["type"] == "tuple_type" and _is_many(kind, key)
     return f"{key}: there may be many: write [[{key}]]" if many else f"{key}{': ' if key else ''}{message}{given}"
 

@@ -1,5 +1,6 @@
 """Airframe data of a vehicle file (TOML): the numbers behind simulation and design models."""
 
+import math
 from dataclasses import field
 from enum import Enum
 from functools import lru_cache
@@ -225,6 +226,37 @@ class Battery:
         return self
 
 
+class FullScale(Enum):
+    """Source of the torque that a command of 1.0 of an autopilot gives."""
+
+    MEASURED = "measured"
+    """The log: `torque_limit`, whatever the rotors say."""
+    ROTORS = "rotors"
+    """The rotors, which are known."""
+    UNKNOWN = "unknown"
+    """Nothing: the log has no such command, and the rotors are assumed."""
+
+
+@strict_dataclass
+class MeasuredCommand:
+    """Command to torque, as the log of a flight tells; `gustproof identify` writes it."""
+
+    autopilot: Name
+    """Writer of the log: px4, ardupilot, crazyflie, gustproof, mavlink or csv."""
+    full_scale: FullScale
+    """Source of the torque of a command of 1.0."""
+    delay: NonNegative
+    """[s] from a command to the start of its torque."""
+    thrust_range: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    """[-] share of the largest thrust that the motors spanned: ArduPilot's MOT_SPIN_MAX less MOT_SPIN_MIN."""
+    unmeasured: tuple[Literal["roll", "pitch", "yaw"], ...] = ()
+    """Axes that the flight did not excite: their torque is assumed."""
+
+    def samples(self, dt: float) -> int:
+        """Return the delay in samples of `dt` [s], the nearest whole number."""
+        return math.floor(self.delay / dt + 0.5)
+
+
 @strict_dataclass
 class Vehicle:
     """Multirotor as a rigid body with torque actuators.
@@ -276,6 +308,8 @@ class Vehicle:
     """Battery; by default the voltage never falls."""
     rate_damping: NonNegative | None = None
     """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
+    command: MeasuredCommand | None = None
+    """Command to torque as a log tells; by default the rotors give the torque, without delay."""
     description: str = field(default="")
     """One line that describes the vehicle to users."""
 

@@ -7,7 +7,6 @@ import contextlib
 import json
 import math
 import select
-import signal
 import socket
 import sys
 import time
@@ -24,12 +23,13 @@ from firmware_model.errors import ConfigError, RecordingError
 from firmware_model.guest.flight import GuestFlight
 from firmware_model.guest.guest import Guest, GuestError, GuestOptions, GuestOutcome
 from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.recorder import ATTITUDE_SUFFIX, EstimateWriter
 from firmware_model.guest.world import World
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
+from firmware_model.process.interrupts import call_on_interrupt
 from firmware_model.process.tlog import Tlog
 from firmware_model.process.words import read_words
+from firmware_model.recording.estimates import ATTITUDE_SUFFIX, EstimateWriter
 from firmware_model.recording.journal import JournalWriter
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
@@ -104,8 +104,7 @@ def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[st
             estimate=estimates.append_estimate,
             wait=_pacer() if options.real_time else lambda _: None,
         )
-        signal.signal(signal.SIGINT, lambda *_: flight.interrupt())
-        signal.signal(signal.SIGTERM, lambda *_: flight.interrupt())
+        call_on_interrupt(flight.interrupt)
         if options.exit_on_stdin_eof:
             exit_on_stdin_eof(flight.interrupt)
         # Load or compile the machine code before the guest waits for it.
@@ -125,7 +124,9 @@ def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[st
                 "program": guest.name,
                 "version": pilot.version,
                 **guest.facts(),
-                "unknown_parameters": pilot.unknown_parameters,
+                "unknown_parameters": pilot.reader.unknown,
+                "rounded_parameters": pilot.reader.rounded,
+                "read_back": pilot.reader.told,
             },
             "texts": list(pilot.texts),
             "link": pilot.channel.stats(),

@@ -62,7 +62,7 @@ class FrameKind(Enum):
     """No frame of this interface."""
 
 
-class Frame(NamedTuple):
+class ServoFrame(NamedTuple):
     """A datagram from the autopilot."""
 
     kind: FrameKind
@@ -80,18 +80,18 @@ class FrameReader:
         self._outputs = outputs
         self._count = -1
 
-    def read(self, datagram: bytes) -> Frame:
+    def read(self, datagram: bytes) -> ServoFrame:
         """Return what a datagram means; never raise."""
         expected = _MAGIC.get(len(datagram))
         if expected is None:
-            return Frame(FrameKind.FOREIGN)
+            return ServoFrame(FrameKind.FOREIGN)
         magic, rate_hz, count, *pulses = _FRAME.unpack_from(datagram)
         if magic != expected:
-            return Frame(FrameKind.FOREIGN)
+            return ServoFrame(FrameKind.FOREIGN)
         if count <= self._count:
-            return Frame(FrameKind.REPEATED if count == self._count else FrameKind.RESTARTED)
+            return ServoFrame(FrameKind.REPEATED if count == self._count else FrameKind.RESTARTED)
         self._count = count
-        return Frame(FrameKind.NEW, tuple([_THRUSTS[pulses[output]] for output in self._outputs]), rate_hz)
+        return ServoFrame(FrameKind.NEW, tuple([_THRUSTS[pulses[output]] for output in self._outputs]), rate_hz)
 
 
 def encode_answer(readings: Readings) -> bytes:

@@ -8,20 +8,21 @@ import socket
 import struct
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.firmware import ardupilot_hover
+from firmware_model.config.parameter_files import read_parameters, write_parameters
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
-from firmware_model.guest.child import ChildProcess
+from firmware_model.guest.dialect import Dialect
 from firmware_model.guest.guest import (
     SAMPLE_RATES_HZ,
-    Dialect,
     GuestError,
     GuestOptions,
     GuestOutcome,
@@ -29,11 +30,12 @@ from firmware_model.guest.guest import (
     check_law_inside,
     check_rate,
 )
-from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.pilot import Pilot
+from firmware_model.guest.read_back import ParameterReader
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
+from firmware_model.process.child import ChildProcess
 
 _RATE_HZ = SAMPLE_RATES_HZ["ardupilot"]  # that of its loop by default
 _GUIDED = 4
@@ -44,7 +46,7 @@ _START_S = 1_700_000_000  # its Unix time at start: the same in each flight
 _SPEEDUP = 1000  # times real time at most; it never gets there
 _FRAME = 128  # [bytes] above the largest
 _START_TIMEOUT_S, _HUNG_S, _WAIT_S = 30.0, 10.0, 0.5
-# A frame that repeats sooner was sent while this process was late: a second answer would stay one ahead for ever.
+# A frame that repeats sooner crossed its answer: a second one would stay one ahead for ever.
 _LOST_S = 0.5
 
 _CHECK_OF_INERTIAL_SENSORS = 16
@@ -88,6 +90,15 @@ _OPERATION = {
     "FS_THR_ENABLE": "0",
     "LOG_BACKEND_TYPE": "0",
 }
+_VITAL = ("FRAME_CLASS", "FRAME_TYPE", "MOT_THST_EXPO", "MOT_THST_HOVER", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "SIM_RATE_HZ")
+"""Read back from it in each flight: without these it flies another vehicle."""
+_AXES, _GAINS = ("RLL", "PIT", "YAW"), ("P", "I", "D", "FLTD")
+_WATCHED = (
+    *(f"ATC_ANG_{axis}_P" for axis in _AXES),
+    *(f"ATC_RAT_{axis}_{gain}" for axis in _AXES for gain in _GAINS),
+    "INS_GYRO_FILTER",
+)
+"""Loops' parameters that are told as the build has them: their defaults differ from version to version."""
 # A law inside is a custom controller: the third, after ArduPilot's empty one and its PID, for all axes.
 _LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
@@ -108,7 +119,7 @@ def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) 
     values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
     program = find_build(options.build)
     guest = ArduPilot(program, options.folder, values, map_outputs(vehicle))
-    guest.names = tuple(extra)
+    guest.compared |= extra.keys() | (_LAW.keys() if options.law else set())
     if options.law:
         check_law_inside(program, options.law)
         guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
@@ -165,7 +176,7 @@ def thrust_range(parameters: Mapping[str, str]) -> tuple[float, float]:
 class ArduPilot:
     """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0.
 
-    `names` are the parameters whose existence its pilot asks for.
+    `compared` are the names of parameters that are read back before take-off.
     """
 
     name = "ArduPilot"
@@ -178,7 +189,6 @@ class ArduPilot:
 
     def __init__(self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, ...]) -> None:
         self._program, self._folder, self._parameters = program, folder, dict(parameters)
-        self.names = tuple[str, ...]()
         self.dialect = Dialect(
             wire.MAV_AUTOPILOT_ARDUPILOTMEGA,
             "GUIDED",
@@ -186,16 +196,19 @@ class ArduPilot:
             _GUIDED,
             thrust_range=thrust_range(parameters),
         )
+        self.compared: frozenset[str] = frozenset(_VITAL)
         self._reader = FrameReader(outputs)
         self._bound: socket.socket | None = None
         self._process: ChildProcess | None = None
         self._answer = b""
-        self._sent_s = self._reply_s = 0.0
+        self._sent_s = self._received_s = self._reply_s = 0.0
         self._replies = 0
 
     def make_pilot(self) -> Pilot:
         """Return a pilot that speaks its dialect."""
-        return Pilot(self.dialect, self.names)
+        values = {name: value for name, value in self._parameters.items() if name in self.compared}
+        watched = [name for name in _WATCHED if name not in values]
+        return Pilot(self.dialect, ParameterReader(values, vital=_VITAL, watched=watched, bytewise=False))
 
     def start(self, pilot_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""
@@ -228,6 +241,8 @@ class ArduPilot:
     def send(self, readings: Readings) -> None:
         """Send a sample."""
         self._answer, self._sent_s = encode_answer(readings), time.monotonic()
+        if self._sent_s - self._received_s > _LOST_S:
+            self._forget_repeats()
         self._send()
 
     def receive(self) -> tuple[float, ...]:
@@ -246,7 +261,8 @@ class ArduPilot:
                 raise self._ending() from None
             frame = self._reader.read(datagram)
             if frame.kind is FrameKind.NEW:
-                self._reply_s += time.monotonic() - self._sent_s
+                self._received_s = time.monotonic()
+                self._reply_s += self._received_s - self._sent_s
                 self._replies += 1
                 return frame.rotors
             if frame.kind is FrameKind.RESTARTED:
@@ -289,6 +305,12 @@ class ArduPilot:
                 udp.connect(self._connected, address)
                 return
         raise GuestError(GuestOutcome.WRONG_BUILD, f"no frame of the JSON interface in {_START_TIMEOUT_S:g} s")
+
+    def _forget_repeats(self) -> None:
+        """Drop what was asked while the answer was late: it asks for the one that is about to be sent."""
+        with suppress(OSError):
+            while True:
+                self._connected.recv(_FRAME, socket.MSG_DONTWAIT)
 
     def _send(self) -> None:
         try:

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from firmware_model.guest.guest import Dialect
+from firmware_model.guest.dialect import Dialect
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.readings import Readings
 from firmware_model.mavlink.frames import Address
@@ -42,7 +42,7 @@ _REFUSALS = (
 )
 
 
-class Status(NamedTuple):
+class ArmingStatus(NamedTuple):
     """State that Betaflight tells over MSP."""
 
     is_armed: bool
@@ -96,7 +96,7 @@ def parse_answers(received: bytes) -> Iterator[tuple[int, bytes, int]]:
         start = received.find(b"$M>", end)
 
 
-def parse_status(data: bytes) -> Status:
+def parse_status(data: bytes) -> ArmingStatus:
     """Return the state in the data of a `STATUS` answer.
 
     Raises
@@ -107,7 +107,7 @@ def parse_status(data: bytes) -> Status:
     boxes, extra = _STATUS.unpack_from(data)[3], data[_STATUS.size] & 15
     (flags,) = struct.unpack_from("<I", data, _STATUS.size + 2 + extra)
     refusals = tuple(name for bit, name in enumerate(_REFUSALS.split(",")) if flags >> bit & 1)
-    return Status(bool(boxes & 1), bool(boxes >> ANGLE_BOX & 1), refusals)
+    return ArmingStatus(bool(boxes & 1), bool(boxes >> ANGLE_BOX & 1), refusals)
 
 
 class SticksPilot(Pilot):
@@ -128,7 +128,7 @@ class SticksPilot(Pilot):
         """Take the true attitude."""
         self._heading = to_euler(q_NB)[2]
 
-    def hear(self, status: Status) -> None:
+    def hear(self, status: ArmingStatus) -> None:
         """Take what Betaflight told."""
         self.autopilot, self.is_armed = DIALECT.autopilot, status.is_armed
         self.custom_mode = int(status.is_in_angle)

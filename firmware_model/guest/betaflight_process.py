@@ -22,9 +22,9 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest import betaflight
 from firmware_model.guest.betaflight import MOTORS, STATUS, SticksPilot
-from firmware_model.guest.child import ChildProcess
 from firmware_model.guest.guest import GuestError, GuestOptions, GuestOutcome
 from firmware_model.guest.readings import Readings
+from firmware_model.process.child import ChildProcess
 
 _HOST = "127.0.0.1"
 

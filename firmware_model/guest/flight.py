@@ -9,6 +9,7 @@ own height loop makes a difference between two of them. The place is not held, a
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -18,15 +19,17 @@ from firmware_model.config.firmware import hover_fraction
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
-from firmware_model.guest.pilot import PERIOD_US, Estimate, Pilot, describe_refusals, quote_last_texts
+from firmware_model.guest.pilot import PERIOD_US, Pilot, describe_refusals, quote_last_texts
 from firmware_model.guest.readings import Readings
 from firmware_model.guest.world import World
 from firmware_model.numerics.rotations import from_euler, multiply
+from firmware_model.recording.estimates import Estimate
 from firmware_model.types import AttitudeTarget, Quaternion, Vector
 
 _STILL_S = 3.0  # a guest that was still for this long has settled
 _STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
 _SETTLE_TIMEOUT_S = 40.0
+_ONE_WAY = 0.5  # mean of a rate by its largest, above which it is a turn and no swing
 _SWITCH_TIMEOUT_S = 3.0
 _OVERTURNED = math.cos(math.radians(60.0))  # of the tilt, in calm air
 _HEIGHT_TOLERANCE = 0.3  # [m]
@@ -64,7 +67,7 @@ class GuestFlight:
         self._exchange, self._estimate, self._wait = exchange, estimate, wait
         self._references = list(scenario.references)
         self._initial = self._reference = _euler(scenario.initial_attitude_deg)
-        self._height = HeightLoop(vehicle, scenario)
+        self._height = TrueHeightLoop(vehicle, scenario)
         self._thrust = 0.0 if scenario.free else self._height.hover
         self._rotors: tuple[float, ...] = (0.0,) * 4
         self._readings = world.readings()
@@ -111,12 +114,15 @@ class GuestFlight:
         """Wait for the guest, send it set-points, set its mode, and arm it."""
         pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
         while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
-            pilot.wants_flight = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
+            has_warmed_up = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
+            pilot.wants_flight = has_warmed_up and pilot.reader.finished
             self._step()
             if pilot.autopilot not in (None, self._guest.dialect.autopilot):
                 raise GuestError(
                     GuestOutcome.WRONG_BUILD, f"it is not {self._guest.name}: MAV_AUTOPILOT {pilot.autopilot}"
                 )
+            if pilot.reader.finished and (faults := pilot.reader.describe_faults()):
+                raise GuestError(GuestOutcome.WRONG_PARAMETERS, faults)
             if self._world.time_us >= until_us:
                 waited = f"not armed in {self._guest.dialect.mode_name} after {until_us / 1e6:g} s"
                 raise GuestError(GuestOutcome.NOT_ARMED, f"{waited}: {describe_refusals(pilot)}")
@@ -166,23 +172,24 @@ class GuestFlight:
             self._step()
             self._check(calm=True)
             if self._world.time_us > until_us:
-                reached = f"at {-self._readings.position_N[2]:.1f} m, not {height:g} m, in time"
+                reached = f"at {-self._readings.position_N[2]:.1f} m, not {height:g} m, in time: "
+                reached += "its hover thrust or its motors' curve is not this vehicle's"
                 raise GuestError(GuestOutcome.UNSETTLED, reached)
 
     def _settle(self) -> None:
         """Wait until the vehicle has been still for a while."""
         still_us, until_us = self._world.time_us, self._world.time_us + round(1e6 * _SETTLE_TIMEOUT_S)
+        rates: deque[Vector] = deque(maxlen=round(_STILL_S / self._scenario.dt))
         while self._world.time_us < still_us + 1e6 * _STILL_S:
             self._step()
             self._check(calm=True)
+            rates.append(self._readings.omega_B)
             if max(map(abs, self._readings.omega_B)) > _STILL_RATE or not self._is_at_height():
                 still_us = self._world.time_us
             if self._world.time_us > until_us:
-                p, q, r = self._readings.omega_B
-                raise GuestError(
-                    GuestOutcome.UNSETTLED,
-                    f"still turning in calm air after {_SETTLE_TIMEOUT_S:g} s, at {p:.2f}, {q:.2f}, {r:.2f} rad/s",
-                )
+                height = -self._readings.position_N[2] - self._scenario.altitude_m
+                said = describe_unrest(np.array(rates), self._scenario.dt, height if self._scenario.free else 0.0)
+                raise GuestError(GuestOutcome.UNSETTLED, f"after {_SETTLE_TIMEOUT_S:g} s it {said}")
 
     def _switch_law_on(self) -> None:
         """Give control to the law inside, if the guest's mode does not."""
@@ -253,7 +260,26 @@ class GuestFlight:
             )
 
 
-class HeightLoop:
+def describe_unrest(omega_B: NDArray[np.float64], dt: float, height: float = 0.0) -> str:
+    """Return how a vehicle moves that does not come to rest in calm air, and what such a motion comes from.
+
+    `omega_B` (n, 3) [rad/s] are its rates at steps of `dt` [s], `height` [m] is that above the one it should hold.
+    """
+    if float(np.max(np.abs(omega_B))) <= _STILL_RATE:
+        return f"is off its height by {height:+.1f} m: its hover thrust or its motors' curve is not this vehicle's"
+    axis = int(np.argmax(np.sqrt(np.mean(omega_B**2, axis=0))))
+    rate, name = omega_B[:, axis], ("roll", "pitch", "yaw")[axis]
+    mean, largest = float(np.mean(rate)), float(np.max(np.abs(rate)))
+    if abs(mean) > _ONE_WAY * largest:
+        cause = "its rotors' geometry or spin is not this vehicle's, or its gains about that axis are too low"
+        return f"turns one way about {name} at {mean:.2f} rad/s: {cause}"
+    turns = np.flatnonzero(np.diff(np.signbit(rate - mean)))
+    frequency = (len(turns) - 1) / (2.0 * dt * (turns[-1] - turns[0])) if len(turns) > 1 else 0.0
+    cause = "its gains are too high, or its filters too slow, for this vehicle's inertia and lag"
+    return f"swings about {name} at {frequency:.1f} Hz, by up to {largest:.2f} rad/s: {cause}"
+
+
+class TrueHeightLoop:
     """Thrust that holds the scenario's height, by the true height; stepped once in `PERIOD_US`."""
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:

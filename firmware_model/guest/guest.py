@@ -1,4 +1,7 @@
-"""Interface of a guest: a real autopilot, in a process of its own, that takes our world for its simulator."""
+"""Interface to an external autopilot (PX4, ArduPilot, Betaflight).
+
+It runs in its own process and uses our simulation as its simulator.
+"""
 
 import os
 import re
@@ -6,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.errors import ConfigError
+from firmware_model.guest.dialect import Dialect
 
 if TYPE_CHECKING:
     from firmware_model.guest.pilot import Pilot
@@ -30,13 +34,15 @@ class GuestOutcome(Enum):
     KILLED = "killed"
     """Its process ended."""
     HUNG = "hung"
-    """It stopped to answer."""
+    """It stopped answering."""
     WRONG_BUILD = "wrong_build"
     """No such autopilot is there, or it does not speak the protocol."""
     PORT_TAKEN = "port_taken"
     """Another program uses a port that it needs."""
     WRONG_GEOMETRY = "wrong_geometry"
-    """Its rotors do not turn the vehicle as it means to: order, place or spin differ from the vehicle file's."""
+    """Motor order, position or spin direction does not match the vehicle file."""
+    WRONG_PARAMETERS = "wrong_parameters"
+    """Read back before take-off, its parameters are not those that were set: they did not reach it."""
     NOT_ARMED = "not_armed"
     """It refused to arm, or to take set-points; the reason holds its own words."""
     UNSETTLED = "unsettled"
@@ -55,27 +61,6 @@ class GuestError(Exception):
     def __init__(self, outcome: GuestOutcome, reason: str) -> None:
         super().__init__(reason)
         self.outcome = outcome
-
-
-class Dialect(NamedTuple):
-    """Numbers in which autopilots differ over MAVLink."""
-
-    autopilot: int
-    """MAV_AUTOPILOT."""
-    mode_name: str
-    """Mode that follows attitude set-points, as its users call it."""
-    mode: tuple[float, float]
-    """[-] parameters 2 and 3 of MAV_CMD_DO_SET_MODE for that mode."""
-    custom_mode: int
-    """The mode in its heartbeat."""
-    array_name: str = ""
-    """Name of the array that carries attitude and thrust to a law inside; empty for attitude targets."""
-    thrust_range: tuple[float, float] = (0.0, 1.0)
-    """[-] thrust at the least and at the largest thrust command, as a fraction of the rotors' largest."""
-    law_switch: tuple[float, ...] = ()
-    """[-] MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
-    law_is_on: str = ""
-    """Text that tells of it."""
 
 
 @dataclass(slots=True, kw_only=True)

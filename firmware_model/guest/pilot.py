@@ -8,40 +8,27 @@ MAVLink, common message set, messages 0, 4, 20, 22, 31, 76, 77, 82, 83, 148, 253
 import math
 import struct
 from collections import deque
-from collections.abc import Iterable
-from typing import NamedTuple
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.guest.guest import Dialect
+from firmware_model.guest.dialect import Dialect
+from firmware_model.guest.read_back import ParameterReader
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, command_long_message, command_message
+from firmware_model.recording.estimates import Estimate
 from firmware_model.types import AttitudeTarget, Quaternion
 
 PERIOD_US = 20_000
 """[us] Time between two set-points, and between two estimates of the guest."""
 _HEARTBEAT_US = 1_000_000
-_RETRY_US = 500_000
+_RETRY_US, _READ_US = 500_000, 250_000
 _TEXTS = 40  # latest texts that are kept
-_AT_ONCE = 10  # parameters asked for at once; a guest queues few
-_ASKS = 3  # requests without an answer until a parameter is unknown
 _SYSTEM, _COMPONENT = 245, wire.MAV_COMP_ID_ONBOARD_COMPUTER
 _STREAMS = (wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET)
 _ATTITUDE = struct.Struct("<I4f")  # both streams begin with stamp [ms] and quaternion
 _ARRAY = struct.Struct("<QH10s5f")  # DEBUG_FLOAT_ARRAY: stamp [us], id, name, quaternion, thrust; the rest are zeros
 _FOREIGN_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-
-
-class Estimate(NamedTuple):
-    """Attitude as the guest believes it to be, and as it means it to be."""
-
-    time_us: int
-    """[us] the guest's clock, whole milliseconds; the world's clock, if it follows that."""
-    q_NB: Quaternion
-    """Estimated attitude, B to N, scalar first."""
-    setpoint_q_NB: Quaternion
-    """Attitude set-point of its loops, as it told last; NaN before."""
 
 
 class Pilot:
@@ -50,10 +37,10 @@ class Pilot:
     With `wants_echo` a ping follows each set-point; it `awaits_echo` until the guest has answered: so it has read both.
 
     It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`. Until
-    it is armed it asks for the parameters `names`: an autopilot ignores a name in a file that it does not know.
+    the guest is armed it reads the parameters that its `reader` wants.
     """
 
-    def __init__(self, dialect: Dialect, names: Iterable[str] = ()) -> None:
+    def __init__(self, dialect: Dialect, reader: ParameterReader | None = None) -> None:
         self._dialect, self._system = dialect, 0
         self._address: Address | None = None
         self.channel = Channel(_SYSTEM, _COMPONENT)
@@ -68,9 +55,9 @@ class Pilot:
         self.refusals: dict[int, int] = {}
         self.estimates: list[Estimate] = []
         self._setpoint: Quaternion = (math.nan,) * 4
-        self._heartbeat_at_us = self._retry_at_us = self._now_us = 0
+        self._heartbeat_at_us = self._retry_at_us = self._read_at_us = self._now_us = 0
         self._outbox: list[bytes] = []
-        self._asked = dict.fromkeys(names, 0)
+        self.reader = reader or ParameterReader()
         self._handlers = {
             wire.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             wire.MAVLINK_MSG_ID_PING: self._on_ping,
@@ -86,11 +73,6 @@ class Pilot:
     def is_in_mode(self) -> bool:
         """True if the guest's last heartbeat told the mode that follows set-points."""
         return self.custom_mode == self._dialect.custom_mode
-
-    @property
-    def unknown_parameters(self) -> list[str]:
-        """Names of parameters that the guest did not answer for."""
-        return [name for name, asks in self._asked.items() if asks >= _ASKS]
 
     def meet(self, system: int, port: int | None) -> None:
         """Take the guest's MAVLink `system`, and its UDP `port` on this machine; `None` if it speaks first."""
@@ -116,13 +98,7 @@ class Pilot:
         self._now_us = now_us
         if self._address is None:
             return []
-        if now_us >= self._heartbeat_at_us:
-            self._heartbeat_at_us = now_us + _HEARTBEAT_US
-            kind, none = wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID
-            self._send(wire.MAVLink_heartbeat_message(kind, none, 0, 0, wire.MAV_STATE_ACTIVE, 3))
-        if now_us >= self._retry_at_us and self.autopilot is not None:
-            self._retry_at_us = now_us + _RETRY_US
-            self._request()
+        self._send_repeated(now_us)
         if self.target is not None:
             self._send_target(self.target._replace(time_us=now_us))
         self.awaits_echo = self.wants_echo
@@ -140,6 +116,20 @@ class Pilot:
         taken, self.estimates = self.estimates, []
         return taken
 
+    def _send_repeated(self, now_us: int) -> None:
+        """Send what is repeated at its own pace, if it is due."""
+        if now_us >= self._heartbeat_at_us:
+            self._heartbeat_at_us = now_us + _HEARTBEAT_US
+            kind, none = wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID
+            self._send(wire.MAVLink_heartbeat_message(kind, none, 0, 0, wire.MAV_STATE_ACTIVE, 3))
+        if now_us >= self._retry_at_us and self.autopilot is not None:
+            self._retry_at_us = now_us + _RETRY_US
+            self._request()
+        if now_us >= self._read_at_us and self.autopilot is not None and not self.is_armed:
+            self._read_at_us = now_us + _READ_US
+            for name in self.reader.next_names():
+                self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
+
     def _request(self) -> None:
         """Ask for everything that has not come yet."""
         if not self.version:
@@ -147,21 +137,12 @@ class Pilot:
         if not self.estimates and not self.is_armed:
             for number in _STREAMS:
                 self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, number, PERIOD_US)
-        if not self.is_armed:
-            self._ask_for_parameters()
         if self.wants_flight and not self.is_in_mode:
             self._command(wire.MAV_CMD_DO_SET_MODE, _FOREIGN_MODE, *self._dialect.mode)
         elif self.wants_flight and not self.is_armed:
             self._command(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         if self.wants_law:
             self._command(round(self._dialect.law_switch[0]), *self._dialect.law_switch[1:])
-
-    def _ask_for_parameters(self) -> None:
-        """Ask for those that were asked for least."""
-        for name in sorted(self._asked, key=self._asked.__getitem__)[:_AT_ONCE]:
-            if self._asked[name] < _ASKS:
-                self._asked[name] += 1
-                self._send(wire.MAVLink_param_request_read_message(self._system, AUTOPILOT, name.encode(), -1))
 
     def _send_target(self, target: AttitudeTarget) -> None:
         if not self._dialect.array_name:
@@ -187,7 +168,7 @@ class Pilot:
             self.awaits_echo = False
 
     def _on_parameter(self, frame: Frame) -> None:
-        self._asked.pop(frame.message().param_id, None)
+        self.reader.take(frame.message())
 
     def _on_text(self, frame: Frame) -> None:
         self.texts.append(frame.message().text)

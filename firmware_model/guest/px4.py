@@ -34,7 +34,7 @@ _GYRO_COUNT, _FORCE_COUNT = math.radians(2000.0) / 32768.0, GRAVITY / 2048.0  # 
 _CONTROLS = struct.Struct("<QQ16fB")
 
 
-class Answer(NamedTuple):
+class ActuatorAnswer(NamedTuple):
     """PX4's answer to one sample."""
 
     time_us: int
@@ -57,7 +57,7 @@ class SimulatorLink:
         self._truth = _template(wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, "<Q7fiiihhhHHhhh")
         self._sample = 0
         self._buffer = b""
-        self.answer: Answer | None = None
+        self.answer: ActuatorAnswer | None = None
         self.autopilot: int | None = None
 
     def pack(self, readings: Readings) -> bytes:
@@ -92,7 +92,7 @@ class SimulatorLink:
     def _on_frame(self, frame: Frame) -> None:
         if frame.message_id == wire.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
             time_us, flags, *controls, mode = _CONTROLS.unpack(frame.payload)
-            self.answer = Answer(time_us, tuple(controls), bool(mode & _ARMED), bool(flags & _LOCKSTEP))
+            self.answer = ActuatorAnswer(time_us, tuple(controls), bool(mode & _ARMED), bool(flags & _LOCKSTEP))
         elif frame.message_id == wire.MAVLINK_MSG_ID_HEARTBEAT:
             self.autopilot = frame.message().autopilot
 

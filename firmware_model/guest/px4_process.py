@@ -5,6 +5,7 @@ until PX4 arms. The thread that arms it does not wait for the sample, so that it
 """
 
 import os
+import re
 import socket
 import time
 from collections.abc import Mapping, Sequence
@@ -14,12 +15,12 @@ from typing import Any
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.firmware import px4_parameters
+from firmware_model.config.parameter_files import read_parameters, write_parameters
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.child import ChildProcess
+from firmware_model.guest.dialect import Dialect
 from firmware_model.guest.guest import (
-    Dialect,
     GuestError,
     GuestOptions,
     GuestOutcome,
@@ -27,10 +28,11 @@ from firmware_model.guest.guest import (
     check_law_inside,
     check_rate,
 )
-from firmware_model.guest.parameter_files import read_parameters, write_parameters
 from firmware_model.guest.pilot import Pilot
 from firmware_model.guest.px4 import SimulatorLink
+from firmware_model.guest.read_back import ParameterReader
 from firmware_model.guest.readings import Readings
+from firmware_model.process.child import ChildProcess
 
 _OFFBOARD = 6  # main mode
 _EXTERNAL = 4.0, 11.0  # main mode AUTO, first mode that a module registers
@@ -64,14 +66,20 @@ _OPERATION = {
     "COM_LOW_BAT_ACT": "0",
     "CBRK_SUPPLY_CHK": "894281",
     "SDLOG_MODE": "-1",
-    # One estimator on the one set of sensors: with several, which one PX4 reads depends on its threads.
-    "EKF2_MULTI_IMU": "0",
+    # One compass. The estimators of gyros stay three, as its start script has them: it sets their defaults after this,
+    # and a value that is the default before is not kept.
     "EKF2_MULTI_MAG": "0",
-    "SENS_IMU_MODE": "1",
     "SENS_MAG_MODE": "1",
     "EKF2_MAG_NOISE": "0.01",  # its least; our compass has a fiftieth
 }
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
+_VARIABLE = "PX4_PARAM_"  # begins the variables that newer start scripts read in place of the file
+_START_SCRIPT = "etc/init.d-posix/rcS"
+_COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
+_OF_NEWER = ("MC_YAW_TQ_CUTOFF",)  # versions before have no such filter
+_AXES, _GAINS = ("ROLL", "PITCH", "YAW"), ("_P", "RATE_P", "RATE_I", "RATE_D")
+_WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
+"""Loops' parameters that are told as the build has them: their defaults differ from version to version."""
 
 
 def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":
@@ -94,7 +102,7 @@ def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px
             raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
         check_law_inside(build / "bin" / "px4", options.law)
     px4 = Px4(build, options.folder, values, options.instance, real_time=options.real_time)
-    px4.names = tuple(extra)
+    px4.vital = px4_parameters(vehicle).keys() - set(_OF_NEWER)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
     return px4
@@ -142,22 +150,47 @@ def onboard_port(instance: int) -> int:
     return _PILOT + instance
 
 
-def write_start_files(folder: Path, parameters: Mapping[str, str], links: Sequence[str] | None) -> None:
-    """Write parameters for PX4's start script, and the lines that start its links in place of its own, if any."""
-    write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
+def write_start_files(
+    build: Path, folder: Path, parameters: Mapping[str, str], links: Sequence[str] | None
+) -> dict[str, str]:
+    """Write parameters for PX4's start script, and the lines that start its links in place of its own, if any.
+
+    Return the variables of its environment that hold the parameters instead, for a build that reads these and no file.
+
+    Raises
+    ------
+    GuestError
+        If the build has no start script, or one that takes no parameters.
+    """
     if links is not None:
         (folder / _LINKS_FILE).write_text("\n".join(links) + "\n", encoding="utf-8")
+    path = build / _START_SCRIPT
+    try:
+        script = _COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
+    except OSError as error:
+        raise GuestError(GuestOutcome.WRONG_BUILD, f"{path}: {error.strerror}") from None
+    if _PARAMETERS_FILE in script:  # it comes last where a script reads both
+        write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
+        return {}
+    if _VARIABLE not in script:
+        takes = f"takes parameters neither from {_PARAMETERS_FILE} nor from variables {_VARIABLE}…"
+        raise GuestError(GuestOutcome.WRONG_BUILD, f"{path}: {takes}")
+    return {f"{_VARIABLE}{name}": value for name, value in parameters.items()}
 
 
-def start_px4(build: Path, folder: Path, instance: int, model: str, speed: float | None = None) -> ChildProcess:
-    """Start PX4 in a folder; `speed` is in multiples of real time, for a simulator of its own.
+def start_px4(
+    build: Path, folder: Path, instance: int, model: str, variables: Mapping[str, str], speed: float | None = None
+) -> ChildProcess:
+    """Start PX4 in a folder, with `variables` in its environment that `write_start_files` has returned.
+
+    `speed` is in multiples of real time, for a simulator of its own.
 
     Raises
     ------
     GuestError
         If it is no program.
     """
-    ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")} | dict(variables)
     ours |= {"PX4_SIM_MODEL": model, "PATH": f"{folder.resolve()}:{ours.get('PATH', '')}", "HEADLESS": "1"}
     if speed is not None:
         ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
@@ -171,7 +204,7 @@ def start_px4(build: Path, folder: Path, instance: int, model: str, speed: float
 class Px4:
     """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links.
 
-    `names` are the parameters whose existence its pilot asks for.
+    Without a `vital` parameter it is another vehicle's.
     """
 
     name = "PX4"
@@ -194,7 +227,7 @@ class Px4:
         self._sent_s = 0.0
         self._time_us = 0
         self.instance = -1
-        self.dialect, self.start_lines, self.names = _DIALECT, list[str](), tuple[str, ...]()
+        self.dialect, self.start_lines, self.vital = _DIALECT, list[str](), set[str]()
 
     @property
     def system(self) -> int:
@@ -214,7 +247,10 @@ class Px4:
 
     def make_pilot(self) -> Pilot:
         """Return a pilot that speaks its dialect."""
-        return Pilot(self.dialect, self.names)
+        watched = [name for name in _WATCHED if name not in self._parameters]
+        return Pilot(
+            self.dialect, ParameterReader(self._parameters, vital=self.vital, optional=_OF_NEWER, watched=watched)
+        )
 
     def start(self, pilot_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""
@@ -222,8 +258,8 @@ class Px4:
         self._folder.mkdir(parents=True)
         lines = [_LINK.format(port=onboard_port(self.instance)), *self.start_lines]
         is_ours = bool(self.start_lines) or not self._real_time
-        write_start_files(self._folder, self._parameters, lines if is_ours else None)
-        self._process = start_px4(self._build, self._folder, self.instance, _MODEL)
+        variables = write_start_files(self._build, self._folder, self._parameters, lines if is_ours else None)
+        self._process = start_px4(self._build, self._folder, self.instance, _MODEL, variables)
         self._process.share_core()
         self._accept()
 

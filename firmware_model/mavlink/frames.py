@@ -9,7 +9,9 @@ MAVLink, packet serialization: version 2 frames, version 1 frames, payload trunc
 """
 
 import struct
+from functools import cache
 from hashlib import sha256
+from inspect import signature as parameters_of
 from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
@@ -30,6 +32,7 @@ _V2_HEADER = struct.Struct("<BBBBBBBHB")  # marker, length, two flag bytes, sequ
 _MESSAGE_FORMATS = {
     message_id: (bytes([kind.crc_extra]), kind.unpacker.size) for message_id, kind in wire.mavlink_map.items()
 }
+_BYTES = {"char": 1, "uint8_t": 1, "int8_t": 1, "uint16_t": 2, "int16_t": 2, "uint32_t": 4, "int32_t": 4, "float": 4}
 _decoder = wire.MAVLink(None)
 
 
@@ -61,6 +64,11 @@ class Frame(NamedTuple):
     def sequence(self) -> int:
         """Sequence number, 0..255."""
         return self.raw[4] if self.raw[0] == _V2 else self.raw[2]
+
+    @property
+    def is_version_1(self) -> bool:
+        """True for a frame of MAVLink 1."""
+        return bool(self.raw[0] == _V1)
 
     @property
     def is_signed(self) -> bool:
@@ -134,6 +142,31 @@ class FrameTemplate:
         if mcrf4xx(datagram[1:-2] + self._seed) != datagram[-2] | datagram[-1] << 8:
             return None
         return self._fields.unpack_from(datagram, 10)
+
+
+def to_version_1(frame: bytes) -> bytes:
+    """Return an unsigned frame of version 2 as one of version 1; empty if that has no such message.
+
+    Version 1 has message ids to 255, no fields that were appended to a message later, and no payload cut short.
+    """
+    _, _, _, _, sequence, system, component, low, high = _V2_HEADER.unpack_from(frame)
+    number = low | high << 16
+    if number > 255:
+        return b""
+    length = _version_1_length(number)
+    content = bytes((length, sequence, system, component, number)) + frame[10:-2].ljust(length, b"\0")[:length]
+    return bytes((_V1,)) + content + mcrf4xx(content + _MESSAGE_FORMATS[number][0]).to_bytes(2, "little")
+
+
+@cache
+def _version_1_length(number: int) -> int:
+    """Return the length of a message's payload without appended fields: pymavlink gives those a default value."""
+    kind = wire.mavlink_map[number]
+    given = parameters_of(kind.__init__).parameters
+    sizes = zip(kind.fieldnames, kind.fieldtypes, (kind.array_lengths[order] for order in kind.orders), strict=True)
+    return sum(
+        _BYTES.get(size, 8) * max(count, 1) for name, size, count in sizes if given[name].default is given[name].empty
+    )
 
 
 def signature(key: bytes, frame: bytes) -> bytes:

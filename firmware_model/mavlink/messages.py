@@ -44,7 +44,9 @@ _TYPES = {
     10: wire.MAV_TYPE_DECAROTOR,
     12: wire.MAV_TYPE_DODECAROTOR,
 }
-_UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding, far below a mistake
+_UNIT_TOLERANCE = 1e-3  # [-] on a quaternion's length: far above float32 rounding; such a one is flown as it is
+_MOST_LENGTH = 2.0  # [-] of a quaternion, or the inverse of its length: beyond, it is no scaled attitude but a mistake
+_WRAP_MS = 2**32  # range of `time_boot_ms`
 
 
 def imu_message(sample: ImuSample) -> EncodedMessage:
@@ -133,9 +135,10 @@ def command_message(command: Command, target_system: int) -> EncodedMessage:
 def parse_command(frame: Frame, system: int) -> Command | RejectReason:
     """Return the command in a SET_ATTITUDE_TARGET or SET_ACTUATOR_CONTROL_TARGET to the autopilot of `system`.
 
-    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward. Otherwise rates are tracked,
-    if roll and pitch rates are both given (PX4's rule). Torques are clipped to -1..1 and thrust to 0..1. Beside
-    torques, a throttle of NaN requests the on-board altitude hold.
+    An attitude is tracked unless its mask bit is set, with the yaw rate as feed-forward; a quaternion of half to twice
+    the unit length is normalised. Otherwise rates are tracked, if roll and pitch rates are both given (PX4's rule).
+    Torques are clipped to -1..1 and thrust to 0..1. Beside torques, a throttle of NaN requests the on-board altitude
+    hold.
     """
     if frame.message_id == wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET:
         return _parse_torque_command(frame, system)
@@ -172,9 +175,14 @@ def _parse_target(mask: int, q_NB: Quaternion, omega_B: Vector) -> _Tracked | Re
         if mask & (_IGNORE_ROLL_RATE | _IGNORE_PITCH_RATE):
             return RejectReason.NO_SETPOINT
         return (None, omega_B) if math.isfinite(sum(omega_B)) else RejectReason.NOT_FINITE
-    # NaN fails the comparison too.
-    if not (abs(math.hypot(*q_NB) - 1.0) < _UNIT_TOLERANCE and math.isfinite(omega_B[2])):
+    length = math.hypot(*q_NB)
+    if not math.isfinite(length + omega_B[2]):
         return RejectReason.NOT_FINITE
+    if not 1.0 / _MOST_LENGTH <= length <= _MOST_LENGTH:
+        return RejectReason.BAD_QUATERNION
+    if abs(length - 1.0) >= _UNIT_TOLERANCE:  # PX4 normalises each
+        w, x, y, z = q_NB
+        q_NB = w / length, x / length, y / length, z / length
     return q_NB, None if mask & _IGNORE_YAW_RATE else (0.0, 0.0, omega_B[2])
 
 
@@ -191,10 +199,11 @@ def boot_ms(time_us: int) -> int:
 def stamp_difference(command: Command, time_us: int) -> int:
     """Return how much newer the command's stamp is than `time_us`, at the resolution of its message.
 
-    The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample.
+    The unit is ms for an attitude target and us for torques; 0 means that the command answers that sample. An attitude
+    target's stamp wraps, so half its range lies ahead of any time, and half behind.
     """
     if isinstance(command, AttitudeTarget):
-        return command.time_us // 1000 - boot_ms(time_us)
+        return (command.time_us // 1000 - time_us // 1000 + _WRAP_MS // 2) % _WRAP_MS - _WRAP_MS // 2
     return command.time_us - time_us
 
 
@@ -218,9 +227,14 @@ def heartbeat_message(
 
 def parse_parameter(message: Message, *, bytewise: bool = True) -> float:
     """Return the value in a PARAM_VALUE; integers are encoded `bytewise` in the float field, or cast to float."""
-    if message.param_type == wire.MAV_PARAM_TYPE_REAL32 or not bytewise:
+    if not bytewise or not is_whole_parameter(message):
         return float(message.param_value)
     return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
+
+
+def is_whole_parameter(message: Message) -> bool:
+    """Return whether a PARAM_VALUE is of a type of whole numbers."""
+    return bool(message.param_type != wire.MAV_PARAM_TYPE_REAL32)
 
 
 def echo_message(command: Command) -> Message:

@@ -26,6 +26,7 @@ STICKS_US = 10_000_000
 _MAX_INTERVAL_US = 2**31 - 1  # the largest that MESSAGE_INTERVAL can hold
 
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
+_VERSION_1 = wire.MAVLink_statustext_message(wire.MAV_SEVERITY_WARNING, b"MAVLink 1: messages above 255 are not sent")
 
 
 class Peer:
@@ -42,7 +43,7 @@ class Peer:
         expected: bool,
     ) -> None:
         self.address, self.expected = address, expected
-        self._make_channel = partial(Channel, system, signing=signing, link=address[0])
+        self._make_channel = partial(Channel, system, signing=signing, link=address[0], follows=True)
         self.channel = self._make_channel(AUTOPILOT)
         self._other_channels: dict[int, Channel] = {}
         self.pack_sample = sample_packer(self.channel, system)
@@ -53,6 +54,8 @@ class Peer:
         """Forget role, streams and last contact; sequence numbers and counters continue."""
         self.last_seen_us: int | None = None
         self.next_us = NEVER_US
+        self.channel.forget_version()
+        self.is_told_version_1 = self.is_told_unsigned = False
         self.controller = False
         self.sticks_until_us = -NEVER_US
         self.answers_due = 0  # at most this many to repetitions of sample 0, which may arrive after t = 0
@@ -60,16 +63,34 @@ class Peer:
         self._intervals_us: dict[int, int] = {}
         self._due_us: dict[int, int] = {}
 
+    def post(
+        self,
+        message: Message | EncodedMessage | ImuSample,
+        outbox: list[tuple[bytes, Address]],
+        component: int = AUTOPILOT,
+    ) -> None:
+        """Add a component's message to this peer to an outbox; in place of what MAVLink 1 lacks, say so once."""
+        datagram = self.pack(message, component)
+        if not datagram and not self.is_told_version_1:
+            self.is_told_version_1 = True
+            datagram = self.pack(_VERSION_1)
+        if datagram:
+            outbox.append((datagram, self.address))
+
     def pack(self, message: Message | EncodedMessage | ImuSample, component: int = AUTOPILOT) -> bytes:
-        """Return a component's message as a datagram to this peer; each component has its own sequence numbers."""
+        """Return a component's message as a datagram to this peer; each component has its own sequence numbers.
+
+        It is empty if the peer speaks MAVLink 1, which does not have this message.
+        """
         if isinstance(message, ImuSample):
             return self.pack_sample(message)
         if component == AUTOPILOT:
             return self.channel.pack(message)
         if component not in self._other_channels:
             self._other_channels[component] = self._make_channel(component)
-        self.channel.sent += 1
-        return self._other_channels[component].pack(message)
+        datagram = self._other_channels[component].pack(message, version_1=self.channel.is_version_1)
+        self.channel.sent += bool(datagram)
+        return datagram
 
     def identify(self, frame: Frame, *, lockstep: bool, clock_us: int) -> None:
         """Start the default streams of this kind of peer.
@@ -142,7 +163,7 @@ class Client:
 
     def send(self, message: Message | EncodedMessage | ImuSample) -> None:
         """Send a message to this peer alone."""
-        self.outbox.append((self.peer.pack(message, self.component), self.peer.address))
+        self.peer.post(message, self.outbox, self.component)
 
     def interval_us(self, message_id: int) -> int | None:
         """Return the time [us] between two messages of a stream, `None` if it is off."""

@@ -3,6 +3,9 @@
 A frame carries 48 bits of SHA-256 over key and frame, and a time stamp that grows within each stream. A stream is a
 sender's system, component and link id, whatever its address: a captured frame is rejected from every address.
 
+A stamp more than a minute ahead of the receiver's own clock is refused, and no peer moves that clock. Otherwise one
+sender with a clock in the future would lock out all others, whose first stamps would then be too old.
+
 Limit: the receiver keeps no stamps between runs. Within a minute of the start, a frame captured in the previous run
 can be replayed once. Keep eavesdroppers off the network.
 
@@ -27,7 +30,7 @@ MAX_STREAMS = 256
 """Most streams at once; opening one requires the key."""
 _EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 in Unix time, the zero of time stamps
 _UNIT_US = 10
-_MINUTE = 60_000_000 // _UNIT_US  # largest age of a stream's first stamp
+_MINUTE = 60_000_000 // _UNIT_US  # largest age of a stream's first stamp, and largest lead of any
 _MAX_STAMP = 2**48 - 1
 _SIGNATURE, _STAMP = slice(-6, None), slice(-12, -6)
 _LINK = -13
@@ -46,12 +49,13 @@ class Signing:
             raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
         self.key = key
         self._offset_us, self._unsigned = unix_us - _EPOCH_US, unsigned
-        self._stamp = 0
+        self._clock = self._stamp = 0
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def tick(self, now_us: int) -> None:
         """Set the clock."""
-        self._stamp = max(self._stamp, (self._offset_us + now_us) // _UNIT_US)
+        self._clock = (self._offset_us + now_us) // _UNIT_US
+        self._stamp = max(self._stamp, self._clock)
 
     def next_stamp(self) -> int:
         """Return a new time stamp [10 us since 2015] for an outgoing frame, larger than the last one."""
@@ -65,17 +69,18 @@ class Signing:
         raw = frame.raw
         stream = raw[_LINK], frame.system, frame.component
         stamp, last = int.from_bytes(raw[_STAMP], "little"), self._streams.get(stream)
-        if last is None and stamp + _MINUTE < self._stamp:
-            return RejectReason.OUT_OF_DATE
         if last is not None and stamp <= last:
             return RejectReason.REPLAYED
         if not compare_digest(signature(self.key, raw[: _SIGNATURE.start]), raw[_SIGNATURE]):
             return RejectReason.WRONG_SIGNATURE
+        if stamp > self._clock + _MINUTE:
+            return RejectReason.AHEAD_OF_CLOCK
+        if last is None and stamp + _MINUTE < self._clock:
+            return RejectReason.OUT_OF_DATE
         # Recorded only after the signature check: a forged future stamp would lock the true sender out.
         if last is None and len(self._streams) >= MAX_STREAMS:
             return RejectReason.TOO_MANY_PEERS
         self._streams[stream] = stamp
-        self._stamp = max(self._stamp, stamp)
         return None
 
 

@@ -6,6 +6,7 @@ function is an entry point that Python calls; its machine code is kept on disk.
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -16,6 +17,8 @@ from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic, overload, register_jitable
+
+from firmware_model.numerics.kept_code import CodeCache, KeptCode
 
 _CACHE_LINE = 64  # [B]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -95,15 +98,13 @@ def compiled(function: Function) -> Function:
     third less time.
 
     numba renews its cache only when the file of the entry point itself changes. Inlined kernels live in other files,
-    so the stamp covers every source that a kernel can come from.
-
-    Before it loads machine code, numba would load all that a compiler can need, which takes longer than all other work
-    of a start. It does so again before it compiles.
+    so the stamp covers every source that a kernel can come from. Where no folder can be written, nothing is kept.
     """
-    entry = numba.njit(cache=True, error_model="numpy", _nrt=False)(function)
-    if cache := getattr(entry, "_cache", None):
-        cache.load_overload = cache._load_overload
-        cache._cache_file._source_stamp = _source_stamp(_find_package(Path(function.__code__.co_filename)))
+    entry: Any = numba.njit(error_model="numpy", _nrt=False)(function)
+    if hasattr(entry, "_cache"):  # without compiler it is the function
+        with suppress(RuntimeError):  # no folder
+            entry._cache = CodeCache(function)
+            entry._cache.set_stamp(_source_stamp(_find_package(Path(function.__code__.co_filename))))
     return cast(Function, entry)
 
 
@@ -137,11 +138,7 @@ def _find_kernel_folders(package: Path) -> set[Path]:
     return folders
 
 
-def find_cache(entry: Any) -> tuple[Path, bool] | None:
-    """Return the folder that keeps the machine code of an entry point, and true if it keeps that of these sources.
-
-    `None` if it is not compiled, or kept nowhere.
-    """
+def find_cache(entry: Any) -> KeptCode | None:
+    """Return where the machine code of an entry point is kept; `None` if it is not compiled, or kept nowhere."""
     cache = getattr(entry, "_cache", None)
-    path = getattr(cache, "cache_path", None)
-    return None if cache is None or path is None else (Path(path), bool(cache._cache_file._load_index()))
+    return cache.kept if isinstance(cache, CodeCache) else None

@@ -128,8 +128,15 @@ def from_euler(phi: float, theta: float, psi: float) -> Quaternion:
 
 def euler_angles(q_NB: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), with yaw unwrapped."""
+    angles = wrapped_euler_angles(q_NB)
+    angles[:, 2] = np.unwrap(angles[:, 2])
+    return angles
+
+
+def wrapped_euler_angles(q_NB: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), each within half a turn."""
     w, x, y, z = q_NB.T
     theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    psi = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    psi = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return np.column_stack([phi, theta, psi])

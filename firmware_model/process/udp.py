@@ -6,7 +6,7 @@ import select
 import socket
 import struct
 import time
-from collections import Counter
+from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -19,7 +19,9 @@ _SPIN_WAIT_US = 200  # lockstep answers in less; sleeping and waking take as lon
 _SLEEP_CYCLES = 100  # waits; on a busy machine a spin in vain can cost ms and must be rare
 _DRAIN_CYCLES = 16  # cycles; a check for more datagrams costs a call, and in lockstep there are never more
 _DRAIN_LIMIT = 256  # datagrams; about the system's queue of a socket
-_PEER_LIMIT = 16  # datagrams of one peer among them; the rest is discarded unread
+_PEER_LIMIT = 16  # datagrams of one peer among them that are passed on at once; the rest waits for the next cycles
+_PEER_QUEUE = 512  # datagrams of one peer that may wait; further ones are discarded
+_LIMITS = ((1, 0), (_DRAIN_LIMIT, _PEER_LIMIT))  # of an ordinary cycle, and of one that drains
 _CONNECTED_LIMIT = 4096  # datagrams; more than fit into `_BUFFER`
 _BUFFER = 1 << 20  # bytes; a second of all streams, if the system grants it
 _RECEIVE_TIMEOUT_US = 5_000  # us; for a slower answer the loop sleeps until the deadline
@@ -114,9 +116,11 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
     shortly before the next one and then spins.
 
     A cycle passes on one datagram per socket, so a flood can't delay due actions. Every few cycles a socket is drained
-    with a limit for each peer, so a flood can't crowd out other peers.
+    with a limit for each peer, so a flood can't crowd out other peers. What exceeds the limit is passed on in the next
+    cycles, one datagram of each peer.
     """
     sleeps = cycle = 0
+    inbox = _Inbox(endpoint, _PEER_QUEUE)
     while True:
         # An interruption while datagrams are sent still has words of its own to send.
         datagrams, finished = endpoint.poll(_now_us()), endpoint.finished
@@ -124,7 +128,9 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
         if finished:
             return
         readable: list[socket.socket] = []
-        if real_time:
+        if inbox.is_waiting:
+            readable = _wait_readable(sockets, 0)
+        elif real_time:
             readable = _wait_precisely(sockets, endpoint.deadline_us())
         elif sleeps:
             sleeps -= 1
@@ -132,18 +138,12 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
             end_us = _now_us() + _SPIN_WAIT_US
             readable = _spin_readable(sockets, end_us)
             sleeps = _SLEEP_CYCLES if _now_us() >= end_us else 0
-        if not (readable or real_time):
+        if not (readable or real_time or inbox.is_waiting):
             readable = _wait_readable(sockets, endpoint.deadline_us())
         cycle += 1
         for ready in readable:
-            if cycle % _DRAIN_CYCLES == 0:
-                _drain(endpoint, ready, sockets.index(ready))
-                continue
-            try:
-                datagram, address = ready.recvfrom(_MAX_DATAGRAM)
-            except OSError:  # a damaged datagram, or an ICMP error for an earlier one
-                continue
-            endpoint.receive(datagram, (sockets.index(ready), address), _now_us())
+            inbox.drain(ready, sockets.index(ready), *_LIMITS[cycle % _DRAIN_CYCLES == 0])
+        inbox.pass_on(1)
 
 
 def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
@@ -161,6 +161,8 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
     now_us = last_seen_us = _now_us()
     is_readable = False
     cycle = 0
+    limits, queue = ((_CONNECTED_LIMIT, _CONNECTED_LIMIT), _CONNECTED_LIMIT) if peer else (_LIMITS[True], _PEER_QUEUE)
+    inbox = _Inbox(endpoint, queue)
     while True:
         datagrams, finished = endpoint.poll(now_us), endpoint.finished
         for datagram, (_, address) in datagrams:
@@ -170,9 +172,8 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
                 continue
         if finished:
             return
-        if not is_readable:
-            wait_us = endpoint.deadline_us() - _now_us()
-            is_readable = bool(select.select((bound,), (), (), max(wait_us, 0) * 1e-6)[0])
+        if inbox.is_waiting or not is_readable:
+            is_readable = bool(_wait_readable((bound,), 0 if inbox.is_waiting else endpoint.deadline_us()))
         if is_readable:
             try:
                 datagram, source = (bound.recv(_MAX_DATAGRAM), peer) if peer else bound.recvfrom(_MAX_DATAGRAM)
@@ -180,12 +181,11 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
                 is_readable = not isinstance(error, BlockingIOError)
             else:
                 before_us, last_seen_us = last_seen_us, _now_us()
-                endpoint.receive(datagram, (0, source), last_seen_us)
+                inbox.receive(datagram, (0, source), last_seen_us)
                 cycle += 1
-                if peer and last_seen_us - before_us > _SPIN_WAIT_US:
-                    _drain(endpoint, bound, 0, most=_CONNECTED_LIMIT, share=_CONNECTED_LIMIT)
-                elif not peer and cycle % _DRAIN_CYCLES == 0:
-                    _drain(endpoint, bound, 0)
+                if last_seen_us - before_us > _SPIN_WAIT_US if peer else cycle % _DRAIN_CYCLES == 0:
+                    inbox.drain(bound, 0, *limits)
+        inbox.pass_on(1)
         now_us = _now_us()
 
 
@@ -206,24 +206,52 @@ def _peer_address(bound: socket.socket) -> tuple[str, int] | None:
     return host, port
 
 
-def _drain(
-    endpoint: Endpoint, ready: socket.socket, index: int, *, most: int = _DRAIN_LIMIT, share: int = _PEER_LIMIT
-) -> None:
-    """Pass on the datagrams that wait in a socket, up to `share` of each peer."""
-    counts: Counter[Address] = Counter()
-    for _ in range(most):
-        try:
-            datagram, address = ready.recvfrom(_MAX_DATAGRAM, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return
-        except OSError:
-            continue
-        peer = index, address
-        counts[peer] += 1
-        if counts[peer] <= share:
-            endpoint.receive(datagram, peer, _now_us())
+class _Inbox:
+    """Datagrams that were read and wait to be passed on: each peer's in order, up to `most` of them."""
+
+    def __init__(self, endpoint: Endpoint, most: int) -> None:
+        self._endpoint, self._most = endpoint, most
+        self._waiting: dict[Address, deque[bytes]] = {}
+
+    @property
+    def is_waiting(self) -> bool:
+        """True if a datagram waits."""
+        return bool(self._waiting)
+
+    def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
+        """Pass on a datagram at once, unless another one waits: it then waits behind that."""
+        if self._waiting:
+            self._put(datagram, peer)
         else:
-            endpoint.count_reject(RejectReason.RATE_LIMITED, peer)
+            self._endpoint.receive(datagram, peer, now_us)
+
+    def drain(self, ready: socket.socket, index: int, most: int, share: int) -> None:
+        """Read up to `most` datagrams that wait in a socket, and pass on up to `share` of each peer."""
+        for _ in range(most):
+            try:
+                datagram, address = ready.recvfrom(_MAX_DATAGRAM, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            except OSError:  # a damaged datagram, or an ICMP error for an earlier one
+                continue
+            self._put(datagram, (index, address))
+        self.pass_on(share)
+
+    def pass_on(self, share: int) -> None:
+        """Pass on up to `share` datagrams of each peer."""
+        for peer, queue in list(self._waiting.items()):
+            for _ in range(min(share, len(queue))):
+                self._endpoint.receive(queue.popleft(), peer, _now_us())
+            if not queue:
+                del self._waiting[peer]
+
+    def _put(self, datagram: bytes, peer: Address) -> None:
+        """Add a datagram; count one that finds its peer's queue full as discarded."""
+        queue = self._waiting.setdefault(peer, deque())
+        if len(queue) < self._most:
+            queue.append(datagram)
+        else:
+            self._endpoint.count_reject(RejectReason.RATE_LIMITED, peer)
 
 
 def _wait_readable(sockets: Sequence[socket.socket], end_us: int) -> list[socket.socket]:

@@ -1,6 +1,8 @@
 """Append-only file that stays intact up to its last write if the process or the machine dies."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any
@@ -70,6 +72,36 @@ def open_locked(path: Path) -> IO[bytes] | None:
             file.close()
             return None
     return file
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Iterator[bool]:
+    """Lock a folder; yield False if another process holds the lock or has removed the folder.
+
+    Where there are no file locks, or none of folders, it is True.
+    """
+    if fcntl is None:
+        yield True
+        return
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except FileNotFoundError:
+        yield False
+        return
+    try:
+        yield _lock(descriptor) and folder.is_dir() and os.path.samestat(os.fstat(descriptor), folder.stat())
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # some file systems of networks lock no folders
+        return True
+    return True
 
 
 def is_growing(path: Path) -> bool:

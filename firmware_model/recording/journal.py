@@ -6,8 +6,9 @@ not four. A flight that is cut off leaves a journal that is intact up to its las
 """
 
 import json
+import mmap
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -47,7 +48,8 @@ RECORD = np.dtype(
 """Record of a vehicle with four rotors."""
 WIDTH = RECORD.itemsize // 8
 """Count of its numbers."""
-_BLOCK = 1 << 16  # records per read
+_BLOCK = 1 << 12  # records, 2 MB: a block of a bag, which is made of them, takes six times as much
+_LONG = 1 << 16  # records of a journal that is left in its file: each such file stays open
 
 # Offset of each field, in numbers.
 _OFFSETS = {name: RECORD.fields[name][1] // 8 for name in RECORD.names or ()}  # type: ignore[index]
@@ -94,6 +96,7 @@ class JournalWriter:
     def __init__(
         self, path: Path, header: Mapping[str, Any], buffer_records: int = 250, record: np.dtype[np.void] = RECORD
     ) -> None:
+        self._path, self._flushed = path, 0
         self._file = AppendOnlyFile(path)
         if record != RECORD and "rotors" in (record.names or ()):
             header = {"rotors": record["rotors"].shape[0], **header}
@@ -112,6 +115,7 @@ class JournalWriter:
         """Hand all records so far to the operating system."""
         used, self._used = self._used, 0  # records that a full disk has rejected are not written again
         self._file.write(self._block[:used].tobytes())
+        self._flushed += used
 
     def __enter__(self) -> Self:
         return self
@@ -123,35 +127,34 @@ class JournalWriter:
             self.flush()
         finally:
             self._file.close()
+            if kind is not None and not self._flushed:  # refused before it began: the next try finds no journal
+                self._path.unlink(missing_ok=True)
 
 
 def read_journal(path: Path, *, sound: bool = False) -> tuple[dict[str, Any], NDArray[np.void]]:
     """Return a journal's header and its complete records, (n,) of its `record_type`, without a cut-off last one.
 
-    If `sound`, the records end where time no longer increases: a lost disk cache leaves zeros.
+    If `sound`, the records end where time no longer increases: a lost disk cache leaves zeros. More than 65,536 records
+    are not read but mapped, read-only: they are in memory while they are used, see `record_blocks`. Their file may be
+    removed, but not cut off.
 
     Raises
     ------
     ConfigError
         If the file can't be read or is not a journal.
     """
-    header, record, blocks = None, RECORD, list[NDArray[np.void]]()
+    header = None
     try:
         with open_regular(path) as file:
             header = parse_json(file.readline(TEXT))
-            record = told_type(header)
-            while len(block := _read_block(file, record)):
-                blocks.append(block)
-                if sound and (cut := _end_of_time(blocks)) is not None:
-                    blocks[-1] = block[:cut]
-                    break
+            records = _read_records(file, told_type(header))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError:
         header = None
     if not isinstance(header, dict):
         raise ConfigError(f"{path}: not a journal")
-    return header, np.concatenate(blocks) if blocks else np.empty(0, dtype=record)
+    return header, records[: _end_of_time(records)] if sound else records
 
 
 def told_type(header: Any) -> np.dtype[np.void]:
@@ -168,16 +171,37 @@ def told_type(header: Any) -> np.dtype[np.void]:
     return record_type(rotors)
 
 
-def _read_block(file: IO[bytes], record: np.dtype[np.void]) -> NDArray[np.void]:
-    content = file.read(_BLOCK * record.itemsize)
-    return np.frombuffer(content, dtype=record, count=len(content) // record.itemsize)
+def _read_records(file: IO[bytes], record: np.dtype[np.void]) -> NDArray[np.void]:
+    """Return the complete records (n,) from a file's position on."""
+    begin = file.tell()
+    count = (os.fstat(file.fileno()).st_size - begin) // record.itemsize
+    if count > _LONG:
+        content = mmap.mmap(file.fileno(), begin + count * record.itemsize, access=mmap.ACCESS_READ)
+        return np.ndarray(count, record, content, begin)
+    return np.frombuffer(bytearray(file.read(count * record.itemsize)), record)
 
 
-def _end_of_time(blocks: Sequence[NDArray[np.void]]) -> int | None:
-    """Return the first record of the last block at which time does not increase, `None` if it always does."""
-    before = blocks[-2]["time_us"][-1:] if len(blocks) > 1 else [-np.inf]
-    breaks = np.flatnonzero(~(np.diff(blocks[-1]["time_us"], prepend=before) > 0.0))
-    return int(breaks[0]) if len(breaks) else None
+def record_blocks(records: NDArray[np.void], size: int = _BLOCK) -> Iterator[NDArray[np.void]]:
+    """Yield `records` (n,) in blocks of `size`; no more than one block of a mapped journal stays in memory."""
+    mapped: Any = records
+    while isinstance(mapped, np.ndarray):
+        mapped = mapped.base
+    for begin in range(0, len(records), size):
+        block = records[begin : begin + size]
+        yield block.copy() if isinstance(mapped, mmap.mmap) else block
+        if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):  # not every system has it
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _end_of_time(records: NDArray[np.void]) -> int:
+    """Return the first record at which time does not increase, or their number if it always does."""
+    before, done = -np.inf, 0
+    for block in record_blocks(records):
+        breaks = np.flatnonzero(~(np.diff(block["time_us"], prepend=before) > 0.0))
+        if len(breaks):
+            return done + int(breaks[0])
+        before, done = float(block["time_us"][-1]), done + len(block)
+    return done
 
 
 def count_records(path: Path, rotors: int = 4) -> int:

@@ -143,7 +143,7 @@ class _FaultTable:
     def delay_us(self, number: int, copy: int) -> int:
         """Return the delay [us] of a copy of a datagram, 0 or 1, by this table."""
         fault = self.fault
-        if isinstance(fault, link_faults.Delay):
+        if isinstance(fault, link_faults.LinkDelay):
             return _to_us(fault.delay_s)
         return round(self._draw(number, copy)[0] * fault.most_s * 1e6) if isinstance(fault, link_faults.Jitter) else 0
 

@@ -39,6 +39,7 @@ MAX_CATCH_UP_US = 250_000
 """[us] Largest delay that is made up for in real time; after a longer one, model time slips."""
 STALL_US = 50_000
 """[us] Least model time without a set-point after which the vehicle holds its attitude instead of torques or rates."""
+_RESTART_US = 100_000  # least model time of old stamps alone, after which they are those of a clock that was set anew
 _STALL_INTERVALS = 3  # and so many intervals of the stream: a client that sends at 20 Hz does not stall
 _SLIP_REPORT_US = 10_000_000  # least wall time between two reports of a slip
 
@@ -96,6 +97,7 @@ class FlightClock:
         self.latency = Latency()
         self.setpoint: Command | None = None
         self._stamps_us: dict[type[Command], int] = {}
+        self._behind_us: dict[type[Command], tuple[int, int]] = {}  # stamp of the last old one; time of the first
         self._accepted_us, self._stalls_at_us = 0, NEVER_US
         self.started_us: int | None = None
         self.advanced_us = 0
@@ -141,7 +143,8 @@ class FlightClock:
         """Accept a set-point that arrived at the last tick, or return why not.
 
         In lockstep, only the stamp of the current sample is accepted. In real time, any stamp not older than the last
-        one of its message is, as other controllers stamp with their own clocks. A lost stream's stamps are forgotten.
+        one of its message is, as other controllers stamp with their own clocks. A lost stream's stamps are forgotten,
+        and so are stamps that all later ones fall behind for `_RESTART_US`: one wrong stamp ends no stream.
         """
         if self.lockstep:
             if command.time_us != self._time_us and (difference := stamp_difference(command, self._time_us)):
@@ -161,7 +164,14 @@ class FlightClock:
 
         Stamps of different messages are not comparable: MAVSDK stamps torques in ms where the wire has us.
         """
-        return command.time_us < self._stamps_us.get(type(command), 0)
+        newest_us = self._stamps_us.get(type(command))
+        if newest_us is None or stamp_difference(command, newest_us) >= 0:
+            return False
+        behind_us, since_us = self._behind_us.get(type(command), (command.time_us - 1, self._time_us))
+        if stamp_difference(command, behind_us) == 0:  # repeated: no clock stands still
+            since_us = self._time_us
+        self._behind_us[type(command)] = command.time_us, since_us
+        return self._time_us < since_us + _RESTART_US
 
     def is_ready(self) -> bool:
         """Return whether the flight may begin: at once, or if scripted: armed, in OFFBOARD, sample 0 answered."""
@@ -251,6 +261,7 @@ class FlightClock:
         """Accept a set-point with any stamp."""
         self.setpoint, self.answered = command, True
         self._stamps_us[type(command)] = command.time_us
+        self._behind_us.pop(type(command), None)
         time_us = self._time_us
         self._stalls_at_us = time_us + max(STALL_US, _STALL_INTERVALS * (time_us - self._accepted_us))
         self._accepted_us = time_us
@@ -298,6 +309,7 @@ class FlightClock:
     def _forget_setpoint(self) -> None:
         self.setpoint, self._stalls_at_us = None, NEVER_US
         self._stamps_us.clear()
+        self._behind_us.clear()
 
     def _sample_deadline_us(self) -> int:
         """Return the wall time [us] at which the current sample is due in real time: at its end."""

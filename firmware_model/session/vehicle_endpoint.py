@@ -27,6 +27,7 @@ from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.peers import Client, Peer, PeerTable
 from firmware_model.mavlink.services import make_services
+from firmware_model.mavlink.services.refusals import refuse_unread
 from firmware_model.mavlink.signing import Signing
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
@@ -40,6 +41,8 @@ START_TIMEOUT_US = 60_000_000
 """[us] Wall time that a lockstep flight waits for its first command."""
 _MAX_BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C need not wait
 
+_WARN_AGAIN_US = 5_000_000  # [us] least time between two equal warnings
+
 _WAIT, _ADVANCE = NextAction.WAIT, NextAction.ADVANCE  # looking up an Enum member takes .1 us
 _IMU = wire.MAVLINK_MSG_ID_HIGHRES_IMU
 _STATE_MESSAGES = (
@@ -48,6 +51,16 @@ _STATE_MESSAGES = (
     wire.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
 )
 _COMMANDS = (wire.MAVLINK_MSG_ID_COMMAND_LONG, wire.MAVLINK_MSG_ID_COMMAND_INT)
+_REFUSED_SETPOINTS = {
+    RejectReason.NOT_FINITE: "set-points refused: NaN or infinite",
+    RejectReason.BAD_QUATERNION: "set-points refused: quaternion not of length 1",
+    RejectReason.NO_SETPOINT: "set-points refused: no thrust, or no target",
+}
+_UNSIGNED = "signatures not checked: start with --signing-key"
+_CLOCKS = {
+    RejectReason.AHEAD_OF_CLOCK: "signature refused: a clock is over 1 min ahead",
+    RejectReason.OUT_OF_DATE: "signature refused: a clock is over 1 min behind",
+}
 _SETPOINTS = (wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET)
 
 
@@ -102,6 +115,7 @@ class VehicleEndpoint:
         self._commander: Peer | None = None
         self._killed_peer: Peer | None = None
         self._stream_lost = False
+        self._warned_us: dict[str, int] = {}
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
         self._announced_state: tuple[Mode, bool, bool] | None = None
@@ -184,7 +198,7 @@ class VehicleEndpoint:
             return  # forwarding would sign a message that its sender did not sign
         for peer in self._peers:
             if source.peer is not peer:
-                self._outbox.append((peer.pack(message, messages.CONTROLLER), peer.address))
+                peer.post(message, self._outbox, messages.CONTROLLER)
 
     def broadcast(self, message: Message | EncodedMessage) -> None:
         """Send a message to all peers."""
@@ -194,6 +208,12 @@ class VehicleEndpoint:
     def send_text(self, text: str, severity: int) -> None:
         """Send a STATUSTEXT of at most 50 characters to all peers."""
         self.broadcast(wire.MAVLink_statustext_message(severity, text.encode()))
+
+    def warn(self, text: str) -> None:
+        """Send a warning of at most 50 characters to all peers, unless it was sent within the last 5 s."""
+        if self.clock_us >= self._warned_us.get(text, -NEVER_US) + _WARN_AGAIN_US:
+            self._warned_us[text] = self.clock_us
+            self.send_text(text, wire.MAV_SEVERITY_WARNING)
 
     def apply_parameters(self) -> None:
         """Apply changed parameters."""
@@ -252,6 +272,8 @@ class VehicleEndpoint:
     def _handle_frame(self, frame: Frame, address: Address, now_us: int) -> RejectReason | None:
         # The signature comes first: an unproven sender gets no place among the peers.
         if self._signing is not None and (cause := self._signing.check(frame)):
+            if (text := _CLOCKS.get(cause)) and text not in self._warned_us:  # once: replays cause it too
+                self.warn(text)
             return cause
         peer = self._register_peer(address, frame, now_us)
         return RejectReason.TOO_MANY_PEERS if peer is None else self._dispatch(frame, peer)
@@ -263,6 +285,9 @@ class VehicleEndpoint:
                 peer.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
             peer.last_seen_us = now_us
             peer.channel.count(frame)
+            if frame.is_signed and self._signing is None and not peer.is_told_unsigned:
+                peer.is_told_unsigned = True
+                self._send(wire.MAVLink_statustext_message(wire.MAV_SEVERITY_WARNING, _UNSIGNED.encode()), peer)
         return peer
 
     def _dispatch(self, frame: Frame, peer: Peer) -> RejectReason | None:
@@ -271,7 +296,7 @@ class VehicleEndpoint:
             return self._handle_setpoint(frame, peer)
         handler = self._requests.get(kind)
         if handler is None:
-            return None if kind == wire.MAVLINK_MSG_ID_HEARTBEAT else RejectReason.UNUSED_MESSAGE
+            return refuse_unread(frame.message(), self)
         request = frame.message()
         system = getattr(request, "target_system", getattr(request, "target", 0))
         component = getattr(request, "target_component", 0)
@@ -287,6 +312,8 @@ class VehicleEndpoint:
             return RejectReason.NOT_IN_COMMAND
         command = messages.parse_command(frame, self.system)
         if isinstance(command, RejectReason):
+            if text := _REFUSED_SETPOINTS.get(command):
+                self.warn(text)
             return command
         cause = self._offer(command, len(frame.raw))
         if cause is None:
@@ -329,7 +356,7 @@ class VehicleEndpoint:
         """Fly the current sample, announce the autopilot's events, and note the end of the flight."""
         self.flight.advance(now_us)
         for event in self.autopilot.take_events():
-            self._stream_lost = self._stream_lost or event.is_critical
+            self._stream_lost = self._stream_lost or event.is_fail_safe
             self.send_text(event.value, wire.MAV_SEVERITY_CRITICAL if event.is_critical else wire.MAV_SEVERITY_INFO)
         if self.flight.ended_us is not None:
             flown = VehicleOutcome.LEFT_OFFBOARD if self.flight.left_offboard else VehicleOutcome.DONE
@@ -408,4 +435,4 @@ class VehicleEndpoint:
         self._outbox.append((peer.pack_sample(sample), peer.address))
 
     def _send(self, message: Message | EncodedMessage | ImuSample, peer: Peer) -> None:
-        self._outbox.append((peer.pack(message), peer.address))
+        peer.post(message, self._outbox)

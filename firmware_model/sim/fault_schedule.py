@@ -17,7 +17,7 @@ from firmware_model.types import Vector
 _NO_DRIFT = (0.0, 0.0, 0.0)
 
 
-class Plant(NamedTuple):
+class ChangingVehicle(NamedTuple):
     """Quantities that events change."""
 
     vehicle: Vehicle
@@ -36,15 +36,15 @@ class Plant(NamedTuple):
     """[-] (n,) thrust of each rotor, of what it is to give."""
 
 
-def initial_plant(vehicle: Vehicle, scenario: Scenario) -> Plant:
+def initial_plant(vehicle: Vehicle, scenario: Scenario) -> ChangingVehicle:
     """Return the plant before any event."""
     health = (1.0,) * vehicle.rotors.count
-    return Plant(
+    return ChangingVehicle(
         vehicle, scenario.gyro.bias_rad_s, _NO_DRIFT, 0.0, float(scenario.gyro.noise), ActuatorParams(), health
     )
 
 
-def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, Plant]]:
+def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, ChangingVehicle]]:
     """Yield the plant after each event with the sample of that event, in order of time.
 
     Raises
@@ -64,7 +64,7 @@ def fault_schedule(vehicle: Vehicle, scenario: Scenario) -> Iterator[tuple[int, 
         yield scenario.sample_at(at_s), plant
 
 
-def _end_drift(plant: Plant, event: events.PlantEvent) -> Plant:
+def _end_drift(plant: ChangingVehicle, event: events.PlantEvent) -> ChangingVehicle:
     return (
         plant._replace(bias=event.bias_rad_s, drift=_NO_DRIFT, since_s=0.0)
         if isinstance(event, events.GyroBias)
@@ -72,7 +72,7 @@ def _end_drift(plant: Plant, event: events.PlantEvent) -> Plant:
     )
 
 
-def _apply_event(plant: Plant, event: events.PlantEvent) -> Plant:
+def _apply_event(plant: ChangingVehicle, event: events.PlantEvent) -> ChangingVehicle:
     vehicle = plant.vehicle
     match event:
         case events.GyroBias():
@@ -109,7 +109,7 @@ def _add_payload(vehicle: Vehicle, event: events.Payload) -> Vehicle:
         raise ConfigError(f"event 'payload' at {event.at_s} s: {loaded}: {mistakes}") from None
 
 
-def _fail_rotor(plant: Plant, event: events.RotorFailure) -> tuple[float, ...]:
+def _fail_rotor(plant: ChangingVehicle, event: events.RotorFailure) -> tuple[float, ...]:
     vehicle, health = plant.vehicle, list(plant.health)
     if event.rotor > len(health):
         raise ConfigError(f"event 'rotor_failure': vehicle '{vehicle.name}' has {len(health)} rotors, no {event.rotor}")

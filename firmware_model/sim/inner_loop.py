@@ -40,7 +40,7 @@ The kind comes first. Then follow torque fractions (3), or rates (3) [rad/s], or
 A wrench is a torque (3) [N*m] and a thrust [N] that rotors give; then comes 1 if the vehicle is clamped, else 0.
 """
 CLAMPED, THRUST = 5, 8
-_TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which a descent has touched down
+_TOUCHDOWN_LOAD = 0.1  # [-] of the weight on the ground, above which it carries the vehicle
 _TOUCHDOWN_THRUST = 0.3  # [-] of the weight, given after touchdown
 
 _load_position_params = loader(PositionParams)
@@ -59,13 +59,10 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
         _put_command(record, get_vector(setpoint, 1), get(setpoint, 4))
         put_vector(record, journal.OMEGA_COMMAND, (math.nan, math.nan, math.nan))
         return
-    touches_down = (
-        kind == POSITION_TARGET
-        and not math.isnan(get(setpoint, 5))
-        and get(state, X_LOAD) > _TOUCHDOWN_LOAD * get(params, WEIGHT)
-    )
+    on_ground = get(state, X_LOAD) > _TOUCHDOWN_LOAD * get(params, WEIGHT)
+    touches_down = kind == POSITION_TARGET and not math.isnan(get(setpoint, 5)) and on_ground
     q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
-    torque = _track_attitude(params, state, kind, setpoint, q_NB, touches_down, record)
+    torque = _track_attitude(params, state, kind, setpoint, q_NB, on_ground, record)
     _put_command(record, torque, thrust)
 
 
@@ -83,7 +80,7 @@ def _put_command(record: Lane, torque_B: Vector, thrust: float) -> None:
 
 @kernel
 def limit_command(params: Lane, rotors: int, record: Lane) -> None:
-    """Limit the actuator command in `record` to what `rotors` of them can give; no branch if told as a constant."""
+    """Clip the command in `record` to what `rotors` rotors can produce; branch-free if that is a constant."""
     torque, thrust = get_command(record)
     torque, thrust = allocate(params, layout.ROTORS, rotors, torque, thrust)
     _put_command(record, torque, thrust)
@@ -134,11 +131,16 @@ def _track_position(
 
 @kernel
 def _track_attitude(
-    params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, touches_down: bool, record: Lane
+    params: Lane, state: Lane, kind: float, setpoint: Lane, target_q_NB: Quaternion, on_ground: bool, record: Lane
 ) -> Vector:
-    """Return the torque [N*m] B that tracks attitude or rates, and write the target rates."""
+    """Return the torque [N*m] B that tracks attitude or rates, and write the target rates.
+
+    While the ground carries the vehicle the integrals stay empty: nothing turns, so they would grow to the limit and
+    throw it over as it lifts off.
+    """
     stabilizer = _load_stabilizer_params(params, layout.STABILIZER)
     estimate = _load_stabilizer_state(state, X_STABILIZER)
+    estimate = reset_integrators(estimate) if on_ground else estimate
     rates = (math.nan, math.nan, math.nan)
     torque = (0.0, 0.0, 0.0)
     if kind == TORQUE:
@@ -156,7 +158,6 @@ def _track_attitude(
         estimate = reset_integrators(estimate)
     elif kind != TRIM:
         feedback_rates = attitude_rates(stabilizer, estimate, target_q_NB)
-        estimate = reset_integrators(estimate) if touches_down else estimate
         ahead = get_vector(setpoint, 5) if kind == ATTITUDE else (0.0, 0.0, 0.0)
         rates = (feedback_rates[0] + ahead[0], feedback_rates[1] + ahead[1], feedback_rates[2] + ahead[2])
         estimate, torque = rate_torque(stabilizer, estimate, rates)

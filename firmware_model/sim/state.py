@@ -29,7 +29,7 @@ from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
 from firmware_model.physics.rotors import ROTOR_ROWS, LossParams, RotorParams, loss_params, rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
-from firmware_model.sim.fault_schedule import Plant, fault_schedule, initial_plant
+from firmware_model.sim.fault_schedule import ChangingVehicle, fault_schedule, initial_plant
 from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, LOSS, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
 
@@ -201,7 +201,7 @@ def _list_changes(vehicle: Vehicle, scenario: Scenario) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
+def _changeable_params(plant: ChangingVehicle, scenario: Scenario) -> dict[int, float]:
     """Return the constants that events may change, by index.
 
     Springs of the feet, hover thrust and all gains stay as built.
@@ -214,7 +214,7 @@ def _changeable_params(plant: Plant, scenario: Scenario) -> dict[int, float]:
     return {start + i: value for start, row in rows for i, value in enumerate(flatten(row))}
 
 
-def _gyro_params(plant: Plant, scenario: Scenario) -> GyroParams:
+def _gyro_params(plant: ChangingVehicle, scenario: Scenario) -> GyroParams:
     """Return the gyro's constants; noise is stated for 250 Hz and, as a density, grows with the root of the rate."""
     instrument = plant.vehicle.gyro
     ratio = instrument.noise_ratio * math.sqrt(scenario.control_rate_hz / 250.0) * plant.noise

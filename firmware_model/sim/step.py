@@ -29,7 +29,7 @@ from firmware_model.physics.aerodynamics import Acting, Air, AirParams, FreeInpu
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
-from firmware_model.physics.ground import GroundParams, can_touch_ground
+from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
 from firmware_model.physics.rigid_body import (
     Body,
@@ -220,6 +220,14 @@ def measure_force(params: Lane, state: Lane, free: bool, unusual: bool, noise: F
     accelerometer = _load_accelerometer_params(params, layout.ACCELEROMETER)
     put_vector(record, journal.FORCE_B, measure_accelerometer(accelerometer, force, noise))
     put(state, X_LOAD, load)
+
+
+@kernel
+def measure_load(params: Lane, state: Lane) -> None:
+    """Write to `state` the ground's load that `measure_force` would, for a law that feels no force."""
+    body, ground = _load_body(state, X_BODY), _load_ground_params(params, layout.GROUND)
+    touches = can_touch_ground(ground, body, 0.0)
+    put(state, X_LOAD, ground_wrench(ground, body)[2] if touches else 0.0)
 
 
 @kernel

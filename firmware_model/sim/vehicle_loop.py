@@ -47,7 +47,7 @@ _GROUND_LOAD_SHARE = 0.1  # [-] of the weight on the ground, above which the veh
 def is_cold() -> bool:
     """Return whether the first step still has to be compiled, once after an installation."""
     found = find_cache(step.advance)
-    return found is not None and not found[1]
+    return found is not None and not found.warm
 
 
 def load_step(vehicle: Vehicle, scenario: Scenario, seed: int) -> None:

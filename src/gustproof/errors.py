@@ -1,7 +1,5 @@
 """Errors of the engineer's side; each text is one line."""
 
-from firmware_model.errors import ConfigError
-
 
 class DesignError(Exception):
     """No controller exists at this level, or the problem is ill posed; the text names the failed condition.
@@ -16,10 +14,6 @@ class DesignError(Exception):
     ...     print(error)
     D12 lacks full column rank: a control is not weighted in z
     """
-
-
-class LawFileError(ConfigError):
-    """A law file is wrong; the text is one line: file, key, allowed values."""
 
 
 class FlightError(Exception):

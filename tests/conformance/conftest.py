@@ -81,6 +81,9 @@ _AXE = """axe.run({
 }).then((found) => found.violations.map(
   ({ id, impact, nodes }) => `${impact}: ${id}: ${nodes.map((node) => node.target).slice(0, 3).join(" ")}`))"""
 
+_A4 = 718
+"""[CSS pixels] width of A4 within margins of 1 cm."""
+
 
 class Browser:
     """Browser with one page. It keeps everything that the page logs, throws or requests from the network."""
@@ -176,7 +179,7 @@ class Browser:
     def look_at(self, address: str, name: str, folder: Path, axe: str) -> None:
         """Keep screenshots of a page on laptop and phone, light and dark; check that it fits, and that all can read it.
 
-        Axe runs on the light laptop and the dark phone, where it is installed.
+        Axe runs on the light laptop and the dark phone, where it is installed. At last the page is printed.
         """
         for (width, height), dark in product(((1366, 768), (390, 844)), (False, True)):
             look = f"{name}-{width}-{'dark' if dark else 'light'}"
@@ -189,6 +192,15 @@ class Browser:
                 assert self.violations(axe) == [], look
             assert self.complaints == [], look
             assert [request for request in self.requests if not request.startswith((address, "data:"))] == [], look
+        assert self.width_on_paper(_A4) <= _A4, name
+
+    def width_on_paper(self, width: int) -> int:
+        """Return the width of the page printed on paper of this one [CSS pixels]: what is beyond it is cut."""
+        self.run("dispatchEvent(new Event('beforeprint'))")
+        self.call("Emulation.setEmulatedMedia", media="print")
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=1000, deviceScaleFactor=1, mobile=False)
+        wide: int = self.run("new Promise(requestAnimationFrame).then(() => document.documentElement.scrollWidth)")
+        return wide
 
     def _read(self) -> dict[str, Any]:
         end = time.monotonic() + _PATIENCE_S

@@ -3,19 +3,25 @@
 import json
 import random
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from pydantic_core import to_jsonable_python
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from firmware_model.config.scenario import load_scenario
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import RECORD, record_type
-from gustproof.recording.bag import read_bag, write_bag
-from gustproof.recording.definitions import STANDARD_MESSAGES, TYPES, definition
-from gustproof.recording.topics import ANGLE_TOPICS, TOPICS, encode
+from firmware_model.numerics.rotations import euler_angles
+from firmware_model.recording.estimates import ESTIMATE
+from firmware_model.recording.journal import RECORD, record_blocks, record_type
+from gustproof.flight.recording.bag import read_bag, write_bag
+from gustproof.flight.recording.definitions import STANDARD_MESSAGES, TYPES, definition
+from gustproof.flight.recording.topics import ANGLE_TOPICS, TOPICS, encode
 
 FLIGHT = {"scenario": "paper", "law": "hinf-d1", "seed": 1}
 N = 50
@@ -167,6 +173,85 @@ def test_equal_records_give_equal_files(tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
+STEPS = load_scenario("attitude-steps")
+LONG = {
+    "modes": lambda records: records["mode"].__setitem__(slice(1000, 1003), (7, 7, 8)),
+    "no rates": lambda records: records["omega_command_B"].fill(np.nan),
+    "rates at last": lambda records: records["omega_command_B"].__setitem__(slice(0, -1), np.nan),
+    "no number": lambda records: records["q_NB"].__setitem__(slice(1500, None), np.nan),
+}
+
+
+@pytest.mark.parametrize("spoil", LONG.values(), ids=LONG)
+@pytest.mark.parametrize("size", [13, 1000, 1001])
+def test_a_bag_of_many_blocks_is_that_of_one(tmp_path, monkeypatch, spoil, size):
+    records, estimates = flight(2000, rates=True), np.random.default_rng(3).standard_normal(900).view(ESTIMATE)
+    records["time_us"], estimates["time_us"] = np.arange(2000) * 4000.0, np.arange(100) * 20_000.0
+    yaw = np.cumsum(np.random.default_rng(4).uniform(-1.0, 2.0, len(records)))  # many turns, some of them back
+    records["q_NB"] = np.column_stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)])
+    spoil(records)
+    about = {"scenario": to_jsonable_python(STEPS)}
+    for place, block in (("one", len(records)), ("many", size)):
+        monkeypatch.setattr(record_blocks, "__defaults__", (block,))
+        write_bag(tmp_path / place / "flight", records, about, estimates)
+    one, many = (sorted((tmp_path / place / "flight").iterdir()) for place in ("one", "many"))
+    assert [path.read_bytes() for path in many] == [path.read_bytes() for path in one]
+
+
+def test_the_yaw_of_a_bag_of_many_blocks_is_unwrapped_as_one(tmp_path, monkeypatch):
+    records = flight()
+    yaw = np.arange(N) * 2.5 - 3.0
+    records["q_NB"] = np.column_stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)])
+    monkeypatch.setattr(record_blocks, "__defaults__", (7,))
+    write_bag(tmp_path / "flight", records, FLIGHT)
+    told = [
+        [message.roll, message.pitch, message.yaw] for _, message in by_topic(tmp_path / "flight")["/attitude/euler"]
+    ]
+    assert told == np.degrees(euler_angles(records["q_NB"])).tolist()
+    assert told[-1][2] == pytest.approx(np.degrees(yaw[-1]))
+
+
+HOURLY = """
+import resource, sys
+from pathlib import Path
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.recording.journal import read_journal
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.scoring.metrics import measure
+from gustproof.flight.scoring.requirements import judge
+from gustproof.flight.routes.outcome import infer_outcome
+from gustproof.flight.routes.upsets import describe_upsets
+
+def peak_mib():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+scenario, vehicle = load_scenario("gust-roll"), load_vehicle("paper")
+_, records = read_journal(Path(sys.argv[1]), sound=True)
+measure(records[:9], vehicle, scenario, 0.0), judge(records[:9], scenario, vehicle)
+before = peak_mib()
+measure(records, vehicle, scenario, 0.0), judge(records, scenario, vehicle)
+infer_outcome(records, scenario), describe_upsets(records, scenario, vehicle)
+write_bag(Path(sys.argv[2]), records, {})
+print(len(records), peak_mib() - before)
+"""
+
+
+def test_a_bag_of_a_long_flight_takes_little_memory(tmp_path):
+    count, block = 160_000, np.zeros(10_000, RECORD)  # 73 MiB; as one array it took 380 MiB more
+    block["q_NB"][:, 0], block["mode"] = 1.0, 6
+    with (tmp_path / "journal").open("wb") as file:
+        file.write(b"{}\n")
+        for begin in range(0, count, len(block)):
+            block["time_us"] = (begin + np.arange(len(block))) * 4000.0
+            file.write(block.tobytes())
+    command = [sys.executable, "-c", HOURLY, str(tmp_path / "journal"), str(tmp_path / "bag")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    samples, more_mib = map(float, done.stdout.split())
+    assert samples == count
+    assert more_mib < 100.0
+
+
 def test_a_bag_is_never_overwritten(tmp_path):
     write_bag(tmp_path / "flight", flight(), FLIGHT)
     with pytest.raises(ConfigError, match="never overwritten"):
@@ -174,7 +259,7 @@ def test_a_bag_is_never_overwritten(tmp_path):
 
 
 def test_an_interrupted_write_leaves_nothing_behind(tmp_path, monkeypatch):
-    monkeypatch.setattr("gustproof.recording.bag.encode", interrupt)
+    monkeypatch.setattr("gustproof.flight.recording.bag.encode", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_bag(tmp_path / "flight", flight(), FLIGHT)
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Programs of plain sockets, each with one fault that `check-controller` finds by its name."""
+"""Programs of plain sockets, each with one fault that `controller check` finds by its name."""
 
 import sys
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.entries.entry import parse_entry
-from gustproof.simulate.findings import ASKED, Finding
-from gustproof.simulate.inspection import check_controller
+from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.protocol_check.findings import ASKED, Finding
+from gustproof.flight.protocol_check.inspection import check_controller
 
 CLIENT = Path(__file__).parent / "clients" / "programs" / "raw_client.py"
 FAULTS = {
@@ -18,7 +18,7 @@ FAULTS = {
     "wrong-stamp": "rejected as",
     "not-finite": "rejected as not_finite, the first: SET_ACTUATOR_CONTROL_TARGET nan",
     "silent": "no set-point came",
-    "flooding": "10 datagrams a sample",
+    "flooding": " datagrams a sample",
     "died": "ended with status 1: ValueError: the solver found no solution, at sample 101",
     "wrong-system-id": "messages are from system 42",
     "wrong-units": "% of the set-points are beyond the limits",
@@ -44,12 +44,23 @@ def found() -> Mapping[str, list[Finding]]:
         return dict(zip(FAULTS, pool.map(check, FAULTS), strict=True))
 
 
+def only(findings: list[Finding]) -> Finding:
+    """Return the one finding; on a busy machine a program that does too much is late, too."""
+    (finding,) = [finding for finding in findings if finding.name != "late"]
+    return finding
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_found_by_its_name_alone(fault, found):
-    (finding,) = found[fault]
+    finding = only(found[fault])
     assert finding.name == fault
     assert FAULTS[fault] in finding.seen
     assert finding.to_dict()["asked"] == ASKED[fault]
+
+
+def test_flooding_is_counted_but_for_what_still_waits_at_the_end(found):
+    seen = int(only(found["flooding"]).seen.split()[0])
+    assert 8 <= seen <= 20  # ten are sent, and ten more if a busy machine asks again; up to 512 wait their turn
 
 
 def test_late_answers_are_found_in_real_time():

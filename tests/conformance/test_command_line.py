@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gustproof.recording.bag import read_bag
-from gustproof.simulate import checkup
+from gustproof.flight.recording.bag import read_bag
+from gustproof.flight.routes import checkup
 
 LONG = 'description = "long enough to be ended before its end"\nduration_s = {}\n'
 ENOUGH_S = 120.0  # for starting and compiling on a loaded machine
@@ -71,7 +71,7 @@ def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
 def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_path: Path) -> None:
     process = start(tmp_path, duration_s=120.0)  # its fail-safe is flown and recorded to the end
     (controller,) = [
-        child for child in psutil.Process(process.pid).children() if "gustproof.controller" in child.cmdline()
+        child for child in psutil.Process(process.pid).children() if "gustproof.flight.endpoint" in child.cmdline()
     ]
     controller.kill()
     output, errors = process.communicate(timeout=ENOUGH_S)
@@ -81,7 +81,6 @@ def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_
     assert set(records["mode"].tolist()) == {6 << 16, 7 << 16}  # OFFBOARD, then STABILIZED
 
 
-@pytest.mark.compiled
 def test_the_checkup_flies_the_bits_of_the_flight_without_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     found = checkup.check_flight()
     assert found.status is checkup.Status.OK, found

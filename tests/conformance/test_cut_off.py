@@ -1,6 +1,5 @@
-"""Killed flights and full disks: the journal survives, and `recover` makes a recording of it."""
+"""Killed flights and full disks: the journal survives, and `report` completes the recording."""
 
-import json
 import os
 import random
 import re
@@ -19,9 +18,10 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.durable_file import is_growing
 from gustproof.cli.app import app
+from gustproof.flight.recording.bag import read_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.recorder import recover
 from gustproof.law.form import load_law
-from gustproof.recording.bag import read_bag
-from gustproof.simulate.direct import fly_direct
 
 SCRIPT = 'description = "cut off"\nduration_s = 20.0\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.4\n'
 NAME = "gusty-hinf-d1-seed3"
@@ -75,9 +75,7 @@ def test_a_kill_at_any_moment_loses_a_second_at_most(tmp_path, undisturbed, vict
     if "fly" in victims:
         assert fly(tmp_path, "--output", str(run), env={**os.environ, **kill}).returncode == -9
         wait_for_the_processes_of(run)
-        recovered = CliRunner().invoke(app, ["recover", str(run), "--json"])
-        assert recovered.exit_code == 0, recovered.stderr
-        (told,) = json.loads(recovered.stdout)
+        told = recover(run)[0].to_dict()
         assert (told["outcome"], told["scenario"], told["law"], told["seed"]) == ("cut_off", "gusty", "hinf-d1", 3)
     else:  # this process can run the command: it is not killed
         (tmp_path / "gusty.toml").write_text(SCRIPT)
@@ -106,8 +104,8 @@ def full_disk_is_told_and_nothing_is_lost(ended, run: Path, why: str) -> None:
 
 
 def is_recovered(run: Path, undisturbed) -> None:
-    recovered = CliRunner().invoke(app, ["recover", str(run)])
-    assert recovered.exit_code == 0, recovered.stderr
+    shown = CliRunner().invoke(app, ["report", str(run), "-o", str(run.with_suffix(".html"))])
+    assert shown.exit_code == 0, shown.stderr
     _, records = read_bag(run / NAME)
     assert len(records) > 10 * A_SECOND
     assert records.tobytes() == undisturbed[: len(records)].tobytes()

@@ -12,20 +12,18 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
-from gustproof.entries.entry import parse_entry
-from gustproof.entries.stepper import make_stepper
+from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.recording.bag import read_bag
+from gustproof.flight.recording.folder import find_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import first_difference_s
+from gustproof.flight.routes.loopback import fly_by_messages
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.pilots import fly_pilot
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import load_law
-from gustproof.law.io.c import save_c
-from gustproof.recording.bag import read_bag
-from gustproof.recording.folder import find_bag
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import first_difference_s
-from gustproof.simulate.loopback import fly_by_messages
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.pilots import fly_pilot
-from gustproof.simulate.processes import fly
-
-pytestmark = pytest.mark.compiled
+from gustproof.law.write.c import save_c
 
 VEHICLE = load_vehicle("paper")
 SHORT = replace(load_scenario("paper-turbulence"), duration_s=0.6)
@@ -112,19 +110,23 @@ def test_an_object_that_is_late_in_real_time_is_told(entry, tmp_path):
 
 def test_repeat_flies_an_object_again_and_says_where_it_is_not_the_same(entry, tmp_path):
     def run(*options):
-        return CliRunner().invoke(app, ["fly", *options, "--json"])
+        return CliRunner().invoke(app, [*options, "--json"])
 
     scenario = tmp_path / "short.toml"
     scenario.write_text('description = "short"\nduration_s = 0.4\n')
     mine = entry("self.angle[0] += 1e-9 * random.random()")
-    first = run(str(scenario), "--controller", mine.source, "--output", str(tmp_path / "a"))
+    first = run("fly", str(scenario), "--controller", mine.source, "--output", str(tmp_path / "a"))
     about, _ = read_bag(find_bag(tmp_path / "a"))
     assert (about["controller"], json.loads(first.stdout)["controller"]) == (mine.to_dict(), mine.to_dict())
-    again = run("--repeat", str(tmp_path / "a"), "--output", str(tmp_path / "b"))
+    repeat = ("replay", str(tmp_path / "a"), "--controller", mine.source)
+    alone = run(*repeat[:2], "--output", str(tmp_path / "b"))
+    assert (alone.exit_code, f"--controller {mine.source}" in alone.stderr) == (2, True)
+    again = run(*repeat, "--output", str(tmp_path / "b"))
+    assert f"is the one that flew, by its SHA-256 {mine.digest[:16]}" in again.stderr
     assert again.exit_code == 1
     assert "differs from" in again.stderr
     assert "from 0.200 s on" in again.stderr
     entry("pass")
-    changed = run("--repeat", str(tmp_path / "a"), "--output", str(tmp_path / "c"))
+    changed = run(*repeat, "--output", str(tmp_path / "c"))
     assert changed.exit_code == 2
     assert "has changed since" in changed.stderr

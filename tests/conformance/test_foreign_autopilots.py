@@ -117,7 +117,7 @@ class Foreign:
 @contextmanager
 def controller(port: int, *options: str) -> Iterator[subprocess.Popen[str]]:
     link = ["--connect", f"127.0.0.1:{port}"] if port else []
-    command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-rates", *link]
+    command = [sys.executable, "-m", "gustproof.flight.endpoint", "--law", "hinf-rates", *link]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen([*command, *options], **pipes, text=True) as running:
         try:

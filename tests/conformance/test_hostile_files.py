@@ -3,6 +3,7 @@
 The files have names that are paths, terminal control sequences, gigabytes in small archives, or no end.
 """
 
+import errno
 import gc
 import json
 import os
@@ -27,9 +28,9 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import VEHICLES, load_vehicle
 from firmware_model.recording.journal import WIDTH, JournalWriter
 from gustproof.cli.app import app
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import LAWS, load_law
-from gustproof.recording.bag import write_bag
-from gustproof.simulate.flight import FlightPlan
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -206,7 +207,7 @@ def no_body(folder: Path) -> tuple[str, ...]:
 @case("vehicle: device")
 def no_vehicle(folder: Path) -> tuple[str, ...]:
     zero(folder / "mine.toml")
-    return "campaign", "calm", "--law", "hinf-d1", "--vehicle", "mine.toml", "-o", "mc.parquet"
+    return "campaign", "fly", "calm", "--law", "hinf-d1", "--vehicle", "mine.toml", "-o", "mc.parquet"
 
 
 # Recordings
@@ -235,7 +236,7 @@ def bomb(size: int) -> bytes:
 def bag(name: str, content: Callable[[], bytes] | Callable[[Path], object], *, made: bool = True) -> None:
     for command in (
         ("report", "bag"),
-        ("fly", "--repeat", "bag", "--output", "out"),
+        ("replay", "bag", "--output", "out"),
         ("scenario", "extract", "bag", "-o", "a.csv"),
     ):
 
@@ -263,14 +264,14 @@ def flown(name: str, note: dict[str, Any]) -> None:
         records = np.zeros(10, dtype=np.dtype(("V", 8 * WIDTH))).view(_record())
         records["time_us"] = np.arange(10) * 4000.0
         write_bag(folder / "bag", records, note)
-        return "fly", "--repeat", "bag", "--output", "out"
+        return "replay", "bag", "--output", "out"
 
     @case(f"journal: {name}")
     def journal(folder: Path) -> tuple[str, ...]:
         (folder / "out").mkdir()
         with JournalWriter(folder / "out" / "x.journal", {"note": note}) as writer:
             writer.append(np.zeros(WIDTH))
-        return "recover", "out"
+        return "report", "out"
 
 
 def _record() -> Any:
@@ -291,7 +292,7 @@ def journal(name: str, content: bytes | Callable[[Path], object]) -> None:
     def files(folder: Path) -> tuple[str, ...]:
         (folder / "out").mkdir()
         _write(folder / "out" / "x.journal", content)
-        return "recover", "out"
+        return "report", "out"
 
 
 journal("pipe", os.mkfifo)
@@ -306,7 +307,7 @@ def endless_journal(folder: Path) -> tuple[str, ...]:
     path = folder / "out" / "x.journal"
     path.write_text(json.dumps({"note": {"scenario": 1}}) + "\n")
     os.truncate(path, 1 << 36)
-    return "recover", "out"
+    return "report", "out"
 
 
 # Laws of other tools, tables, certificates
@@ -344,14 +345,14 @@ matlab("nothing in dt", lambda path: scipy.io.savemat(path, {**{k: np.eye(3) for
 def piped_tables(folder: Path) -> tuple[str, ...]:
     (folder / "law").mkdir()
     os.mkfifo(folder / "law" / "A.csv")
-    return "export", "law", "--law", "x.json"
+    return "export", "law", "-o", "x.json"
 
 
 @case("tables: device")
 def endless_tables(folder: Path) -> tuple[str, ...]:
     (folder / "law").mkdir()
     zero(folder / "law" / "facts.json")
-    return "export", "law", "--law", "x.json"
+    return "export", "law", "-o", "x.json"
 
 
 def parquet(name: str, content: Callable[[Path], object]) -> None:
@@ -376,7 +377,7 @@ def certificate(name: str, content: str | Callable[[Path], object]) -> None:
     @case(f"certificate: {name}")
     def files(folder: Path) -> tuple[str, ...]:
         _write(folder / "c.json", content)
-        return "certify", "--check", "c.json"
+        return "certify", "check", "c.json"
 
 
 certificate("broken", '{"format":')
@@ -464,7 +465,7 @@ def run(*command: str) -> tuple[int, str, str]:
     return ended.returncode, ended.stdout, ended.stderr
 
 
-@pytest.mark.parametrize("program", ["firmware_model", "gustproof.controller"])
+@pytest.mark.parametrize("program", ["firmware_model", "gustproof.flight.endpoint"])
 def test_processes_refuse_hostile_files_in_one_printable_line(program: str, folder: Path) -> None:
     name = "\x1b[31m\n.json"
     (folder / name).write_text(changed(name="/abs"))
@@ -488,12 +489,22 @@ def test_words_of_files_that_are_sound_do_not_command_a_terminal(folder: Path) -
     assert superfluous.stderr.replace("\n", "").isprintable()
 
 
-def test_full_disk_is_told_with_the_name_of_the_file(folder: Path) -> None:
-    for file in ("law.json", "law.png"):
+def test_full_disk_is_told_with_the_name_of_the_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for synced, file in enumerate(("law.json", "law.png")):
         shutil.rmtree(folder)
         folder.mkdir()
-        (folder / file).symlink_to("/dev/full")
-        result = CliRunner().invoke(app, ["design", "D1", "-o", str(folder / "law.json")])
+        left = [synced]
+
+        def sync(number: int, left: list[int] = left) -> None:
+            """Fill the disk when the file of this turn is synced to it."""
+            left[0] -= 1
+            if left[0] < 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        with monkeypatch.context() as patch:
+            patch.setattr("firmware_model.config.whole_file.os.fsync", sync)
+            result = CliRunner().invoke(app, ["design", "hinfsyn", "D1", "-o", str(folder / "law.json")])
         *progress, line = result.stderr.splitlines()  # on a busy machine a line of progress comes first
         assert all(each.startswith("gustproof: ") and each.endswith(" s") for each in progress)
         assert (result.exit_code, line) == (2, f"gustproof: {folder / file}: No space left on device")
+        assert not (folder / file).exists()

@@ -7,17 +7,17 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
-from gustproof.recording.bag import write_bag
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import FlightPlan
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """The page on a flight of the manoeuvre, made by the command."""
     folder = tmp_path_factory.mktemp("identified")
-    plan = FlightPlan(load_scenario("identify"), load_law("pid-fair"), load_vehicle("iris"), 1, False)
+    plan = FlightPlan(load_scenario("doublets"), load_law("pid-fair"), load_vehicle("iris"), 1, False)
     records = fly_direct(plan.scenario, plan.pilot, vehicle=plan.vehicle, seed=1)
     write_bag(folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
     path = folder / "report.html"

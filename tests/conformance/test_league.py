@@ -5,19 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from gustproof.show.report.html.league_page import render_league_page, write_league_page
+from gustproof.studies.league.study import fly_league
 
-from gustproof.league.season import fly_league
-from gustproof.report.html.league_page import render_league_page, write_league_page
-
-pytestmark = pytest.mark.compiled
 PATIENCE_S = 120.0
 PLAN = """
 from concurrent.futures import ThreadPoolExecutor
 from firmware_model.config.uncertainty import load_vehicle_set
-from gustproof.league.course import load_course
-from gustproof.league.entrants import parse_entrant
-from gustproof.league.season import LeaguePlan, fly_league
+from gustproof.studies.league.course import load_course
+from gustproof.studies.league.entrants import parse_entrant
+from gustproof.studies.league.study import LeaguePlan, fly_league
 
 class Pool(ThreadPoolExecutor):
     death_errors, max_pending = (), 2
@@ -27,7 +24,6 @@ plan = LeaguePlan(
     vehicles=(load_vehicle_set("paper"),),
     scenarios=tuple(load_course(["gust-50ms", "kick-all-axes"])),
     runs=2,
-    salt="a salt of this test",
 )
 """
 KILLED = (
@@ -36,8 +32,8 @@ KILLED = (
 import os, signal, sys
 from pathlib import Path
 
-def kill(done, label):
-    if done > 0.5 and not label.startswith("tuning"):
+def kill(share, label):
+    if label == "kick-all-axes, paper":
         os.kill(os.getpid(), signal.SIGKILL)
 
 fly_league(plan, Path(sys.argv[1]), Pool(1), progress=kill)
@@ -51,14 +47,14 @@ def test_league_that_was_killed_goes_on_to_the_same_bytes(tmp_path: Path, browse
     whole = fly_league(made["plan"], tmp_path / "whole", made["Pool"](1))
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "cut")], timeout=PATIENCE_S, check=False)
     assert killed.returncode == -signal.SIGKILL
-    before = (tmp_path / "cut" / "results.jsonl").read_bytes().count(b"\n")
-    done: list[float] = []
-    resumed = fly_league(made["plan"], tmp_path / "cut", made["Pool"](1), progress=lambda share, _: done.append(share))
-    lines = (tmp_path / "whole" / "results.jsonl").read_bytes().splitlines()
-    assert 0 < before < len(lines) == before + sum(share > 0.0 for share in done)  # 0: a stage begins
+    kept = {path.name for path in (tmp_path / "cut").iterdir()}
+    assert "gust-50ms-paper.parquet" in kept
+    resumed = fly_league(made["plan"], tmp_path / "cut", made["Pool"](1))
     assert render_league_page(resumed) == render_league_page(whole)
     assert resumed.to_dict() == whole.to_dict()
-    assert sorted((tmp_path / "cut" / "results.jsonl").read_bytes().splitlines()) == sorted(lines)
+    files = {path.name: path.read_bytes() for path in (tmp_path / "whole").iterdir()}
+    assert {path.name: path.read_bytes() for path in (tmp_path / "cut").iterdir()} == files
+    assert kept < set(files)
     write_league_page(whole, tmp_path / "league.html")
     browser.look_at((tmp_path / "league.html").as_uri(), "league", tmp_path, axe)
     assert browser.run("document.querySelectorAll('.forest .disc').length") == len(whole.order)

@@ -9,20 +9,20 @@ import pytest
 from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import published_limit
 from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
-from firmware_model.config.link_faults import Bandwidth, BurstLoss, Delay, Duplication, Jitter, Loss, Reordering
+from firmware_model.config.link_faults import Bandwidth, BurstLoss, Duplication, Jitter, LinkDelay, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.loopback import fly_loopback
+from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import load_law
 from gustproof.law.step import LawStepper
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.loopback import fly_loopback
-from gustproof.simulate.outcome import FlightOutcome, describe, infer_outcome
-from gustproof.simulate.processes import fly
 
 VEHICLE = load_vehicle("paper")
 GUSTY = replace(load_scenario("paper-turbulence"), duration_s=4.0)
@@ -31,7 +31,7 @@ UP, DOWN = {"direction": "to_vehicle"}, {"direction": "to_controller"}
 OFFBOARD, STABILIZED, HOLD = Mode.OFFBOARD, Mode.STABILIZED, Mode.HOLD
 
 FOUL = (
-    Delay(kind="delay", delay_s=0.003, **DOWN),
+    LinkDelay(kind="delay", delay_s=0.003, **DOWN),
     Jitter(kind="jitter", most_s=0.008, **UP),
     Jitter(kind="jitter", most_s=0.002, **DOWN),
     BurstLoss(kind="burst_loss", to_bad=0.02, to_good=0.2, **UP),
@@ -92,7 +92,9 @@ class RealTime:
 def delayed(scenario: Scenario, down: int, up: int) -> Scenario:
     """Return the scenario over a link that delays both directions by whole samples."""
     link = [
-        Delay(kind="delay", delay_s=samples * SAMPLE_S, **way) for samples, way in ((down, DOWN), (up, UP)) if samples
+        LinkDelay(kind="delay", delay_s=samples * SAMPLE_S, **way)
+        for samples, way in ((down, DOWN), (up, UP))
+        if samples
     ]
     return replace(scenario, link=tuple(link))
 
@@ -126,10 +128,10 @@ def test_delay_of_n_samples_is_n_delay_samples_more_between_two_processes(tmp_pa
 
 def test_delay_shorter_than_a_sample_is_within_the_one_that_a_command_has():
     scenario = replace(GUSTY, duration_s=2.0)
-    link = (Delay(kind="delay", delay_s=0.001, **DOWN), Delay(kind="delay", delay_s=0.002, **UP))
+    link = (LinkDelay(kind="delay", delay_s=0.001, **DOWN), LinkDelay(kind="delay", delay_s=0.002, **UP))
     assert loopback(replace(scenario, link=link)).tobytes() == loopback(scenario).tobytes()
     # 1 + 3 ms is a whole sample, though neither is.
-    link = (link[0], Delay(kind="delay", delay_s=0.003, **UP))
+    link = (link[0], LinkDelay(kind="delay", delay_s=0.003, **UP))
     assert loopback(replace(scenario, link=link)).tobytes() == loopback(replace(scenario, delay_samples=2)).tobytes()
 
 
@@ -174,7 +176,7 @@ def test_link_faults_leave_gusts_and_noise_as_they_were():
 
 def test_staircase_of_delay_leads_past_the_margin_to_instability():
     # The scheduled law's delay margin is 11 ms beyond one sample: 8 ms more are flown, 12 ms are not.
-    steps = tuple(Delay(kind="delay", delay_s=SAMPLE_S, start_s=3.0 * n, **UP) for n in (1, 2, 3, 4))
+    steps = tuple(LinkDelay(kind="delay", delay_s=SAMPLE_S, start_s=3.0 * n, **UP) for n in (1, 2, 3, 4))
     flown = loopback(replace(load_scenario("calm"), duration_s=15.0, link=steps))
     rates = np.abs(flown["omega_B"]).max(axis=1).reshape(5, -1)  # step by step
     settled = rates[:, -250:].max(axis=1)
@@ -224,7 +226,7 @@ def test_killed_controller_is_replaced_and_the_next_one_asks_for_offboard():
 
 @pytest.mark.parametrize("direction", [UP, DOWN])
 def test_what_was_on_its_way_to_a_killed_controller_is_not_asked_of_the_next_one(direction):
-    delay = Delay(kind="delay", delay_s=0.01, **direction)
+    delay = LinkDelay(kind="delay", delay_s=0.01, **direction)
     flown = loopback(replace(GUSTY, duration_s=1.0, event=(KILLED_FOR_A_MOMENT,), link=(delay,)))
     assert phases(flown) == [(OFFBOARD, 0.0)]
 

@@ -15,8 +15,8 @@ from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import MAX_RESENDS, RESEND_US, TimingFault
 from firmware_model.session.vehicle_endpoint import START_TIMEOUT_US, VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint
-from gustproof.controller.endpoint import ControllerOutcome as ControllerOutcome
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerOutcome as ControllerOutcome
 from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER = (0, ("vehicle", 1)), (0, ("controller", 1))

@@ -19,9 +19,9 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import read_journal
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import load_law
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly
 
 pytestmark = pytest.mark.usefixtures("started_as_users")
 
@@ -68,7 +68,7 @@ def _no_process_is_left_behind() -> Iterator[None]:
 
 
 def test_killed_controller_is_named_and_the_fail_safe_flies_to_the_end(tmp_path):
-    flight = fly_and(lambda: child("gustproof.controller").kill(), tmp_path, MINUTE)
+    flight = fly_and(lambda: child("gustproof.flight.endpoint").kill(), tmp_path, MINUTE)
     assert flight.outcome is FlightOutcome.CONTROLLER_LOST
     assert "fail-safe" in flight.message
     assert len(flight.records) == MINUTE.samples
@@ -91,7 +91,7 @@ def test_ctrl_c_ends_both_processes_which_share_an_allowed_core_and_keeps_what_w
     cores: list[tuple[int, ...]] = []
 
     def look_and_interrupt() -> None:
-        flying = child("firmware_model"), child("gustproof.controller")
+        flying = child("firmware_model"), child("gustproof.flight.endpoint")
         cores.extend(tuple(process.cpu_affinity()) for process in flying)
         raise KeyboardInterrupt
 
@@ -148,7 +148,7 @@ def test_autopilot_tells_bad_input_in_one_line():
 
 
 def test_controller_tells_bad_input_in_one_line():
-    command = [sys.executable, "-m", "gustproof.controller", "--law", "nothing"]
+    command = [sys.executable, "-m", "gustproof.flight.endpoint", "--law", "nothing"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
     assert "no law named 'nothing'" in ended.stderr
@@ -160,7 +160,7 @@ def test_attended_controller_ends_when_who_started_it_has(address):
     command = [
         sys.executable,
         "-m",
-        "gustproof.controller",
+        "gustproof.flight.endpoint",
         "--law",
         "hinf-d1",
         "--connect",

@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.entries.entry import parse_entry
-from gustproof.recording.bag import read_bag
-from gustproof.simulate import processes
-from gustproof.simulate.inspection import check_controller
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.pilots import fly_pilot
+from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.protocol_check.inspection import check_controller
+from gustproof.flight.recording.bag import read_bag
+from gustproof.flight.routes import processes
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.pilots import fly_pilot
 
 CLIENTS = Path(str(files("gustproof.guide") / "clients"))
 RAW_CLIENT = Path(__file__).parent / "clients" / "programs" / "raw_client.py"
@@ -84,7 +84,8 @@ def test_flights_of_clients_are_shown_on_a_page_and_repeated_to_the_bit(folder):
     for each in flown:
         assert each.name.removesuffix(".c") in page.read_text()
     if folder / "client.c" in flown:
-        result = run("fly", "--repeat", folder / "client.c", "--output", folder / "again")
+        again = ("--controller", client_command("client.c", folder), "--output", folder / "again")
+        result = run("replay", folder / "client.c", *again)
         assert (result.exit_code, "equal to" in result.stderr) == (0, True)
 
 
@@ -108,6 +109,7 @@ def test_flight_that_a_program_does_not_begin_is_given_up_and_says_how_far_it_ca
     assert "it did not arm the vehicle" in flight.message
 
 
+GUARD = "gustproof.flight.endpoint.guard"
 STUBBORN = """
 import os, signal, subprocess, sys, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -136,7 +138,7 @@ def end_guard(guard: subprocess.Popen[str], told: Path, ending: str) -> dict:
 def test_guard_ends_a_stubborn_program_with_all_that_it_has_started(ending, tmp_path):
     told = tmp_path / "pids"
     with subprocess.Popen(
-        [sys.executable, "-m", "gustproof.controller.guard", sys.executable, "-S", "-c", STUBBORN, "{address}", told],
+        [sys.executable, "-m", GUARD, sys.executable, "-S", "-c", STUBBORN, "{address}", told],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     ) as guard:  # fmt: skip
         said = end_guard(guard, told, ending)

@@ -22,12 +22,12 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.frames import parse
 from firmware_model.recording.journal import count_records, read_journal
+from gustproof.design.derive import derive
+from gustproof.design.designs import load_design
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import load_law
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly
-from gustproof.synthesis.derive import derive
-from gustproof.synthesis.designs import load_design
 
 PATIENCE_S = 60.0
 HOLD, OFFBOARD = (4.0, 3.0), (6.0, 0.0)
@@ -150,7 +150,9 @@ def test_law_that_hangs_for_a_moment_steps_all_that_waited_and_keeps_its_attitud
     with process("firmware_model", "--bind-port", "0", "--journal", str(journal), *flown) as vehicle:
         (port,) = json.loads(vehicle.stdout.readline())["listening"]
         address = f"127.0.0.1:{port}"
-        with process("gustproof.controller", "--law", "flagship", "--real-time", "--connect", address, *flown) as law:
+        with process(
+            "gustproof.flight.endpoint", "--law", "flagship", "--real-time", "--connect", address, *flown
+        ) as law:
             end = time.monotonic() + PATIENCE_S
             while count_records(journal) < 250:
                 assert time.monotonic() < end
@@ -180,7 +182,7 @@ def test_pilot_flies_a_standing_vehicle_gives_it_to_a_law_takes_it_back_and_land
         pilot.order(wire.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         pilot.order(wire.MAV_CMD_NAV_TAKEOFF)
         pilot.until(lambda: pilot.mode == Mode.HOLD.value, "take-off")
-        with process("gustproof.controller", "--law", "hinf-scheduled", "--connect", f"127.0.0.1:{port}") as law:
+        with process("gustproof.flight.endpoint", "--law", "hinf-scheduled", "--connect", f"127.0.0.1:{port}") as law:
             pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
             pilot.until(lambda: "hinf-scheduled in control" in pilot.texts, "the law says so")
             pilot.set_mode(*HOLD)
@@ -218,7 +220,7 @@ def test_laws_that_take_over_a_leaning_vehicle_level_it():
             pilot.set_mode(*HOLD)
             pilot.until(lambda: pilot.mode == Mode.HOLD.value and pilot.roll_deg < -5.0, "HOLD leans into the wind")
             address = f"127.0.0.1:{pilot.vehicle[1]}"
-            with process("gustproof.controller", "--law", name, "--connect", address) as law:
+            with process("gustproof.flight.endpoint", "--law", name, "--connect", address) as law:
                 pilot.until(lambda name=name: f"{name} in control" in pilot.texts, "the law takes the vehicle")
                 pilot.until(lambda: abs(pilot.roll_deg) < 2.0, "the law levels it")
                 assert last_words(law)["outcome"] == "interrupted"
@@ -232,7 +234,7 @@ def test_law_that_hangs_or_dies_leaves_the_vehicle_to_its_fail_safe():
             pilot.until(lambda: pilot.mode == Mode.HOLD.value, "HOLD")
             pilot.texts.clear()
             address = f"127.0.0.1:{pilot.vehicle[1]}"
-            with process("gustproof.controller", "--law", "hinf-d1", "--connect", address) as law:
+            with process("gustproof.flight.endpoint", "--law", "hinf-d1", "--connect", address) as law:
                 pilot.until(lambda: pilot.mode == Mode.OFFBOARD.value, "the law takes the vehicle")
                 law.send_signal(number)
                 pilot.until(lambda: pilot.mode == Mode.STABILIZED.value, "fail-safe")

@@ -16,16 +16,16 @@ from scipy.spatial.transform import Rotation
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.analysis import judge as judging
+from gustproof.flight.recording.bag import read_bag, write_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import FlightPlan
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.scoring.metrics import attitude
 from gustproof.law.form import load_law
-from gustproof.recording.bag import read_bag, write_bag
-from gustproof.report.html.judgement_page import write_judgement
-from gustproof.report.html.page import render_page
-from gustproof.report.html.runs import ReportRun
-from gustproof.scoring.metrics import attitude
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import FlightPlan
-from gustproof.simulate.outcome import FlightOutcome
+from gustproof.show.report.html.judgement_page import write_judgement
+from gustproof.show.report.html.page import render_page
+from gustproof.show.report.html.runs import ReportRun
+from gustproof.studies.rate import judge as judging
 
 LAWS = ("hinf-d1", "pid-fair")
 DURATION = 12.0
@@ -211,6 +211,45 @@ def test_the_page_fits_its_window(opened, width):
     )
     assert len(apart) == 8
     assert all(-5.0 < down < (40.0 if width < 600 else 5.0) and wide > 60.0 for down, wide in apart)
+
+
+def test_a_curve_joins_no_two_samples_over_what_is_missing(opened):
+    browser = opened(whole=True)
+    assert browser.run("charts.drawn.every(({ plot }) => plot.series.slice(1).every(({ spanGaps }) => !spanGaps))")
+    # samples of two curves are joined in one table: there, another curve's x is no gap
+    joined = "uPlot.join([[[1, 3, 5], [1, null, 5]], [[2, 4], [2, 4]]])"
+    assert browser.run(f"{joined}[1].map((y) => y === undefined ? 'other' : y)") == [1, "other", None, "other", 5]
+
+
+@pytest.mark.parametrize("paper", [500, 718, 1043])  # A5, A4 upright and across, within 1 cm
+def test_on_paper_every_chart_is_whole_and_light(opened, paper):
+    browser = opened(dark=True)
+    assert browser.width_on_paper(paper) <= paper
+    shown = browser.run(
+        "[...document.querySelectorAll('.chart')].map((place) => [...place.querySelectorAll('canvas')]"
+        ".filter((each) => each.clientWidth).map((canvas) => [canvas, canvas.getBoundingClientRect()])"
+        ".map(([canvas, { left, right }]) => [left, right, canvas.toDataURL().length]))"
+    )
+    assert len(shown) == browser.run("charts.drawn.length + charts.waiting.size") > 20
+    for (left, right, drawn), *others in shown:
+        assert 0 <= left < right <= paper
+        assert drawn > 3000  # a blank picture has a tenth of it
+        assert others == []
+    assert browser.run("themed('--ink')") == "#1d2329"
+    browser.run("dispatchEvent(new Event('afterprint'))")
+    assert browser.run("document.querySelectorAll('.chart > canvas').length") == 0
+    assert browser.run("document.documentElement.dataset.theme") is None
+
+
+def test_a_printer_gets_the_charts_in_the_zoom_without_hidden_curves(opened):
+    browser = opened()
+    browser.run("addEventListener('beforeprint', () => { window.printed = charts.paper.map(({ series, scales }) => "
+                "[series.slice(1).filter(({ show }) => show).length, scales.x.min, scales.x.max]); })")  # fmt: skip
+    browser.run("zoom(2, 5), document.querySelector('#legend button').click()")
+    pdf = base64.b64decode(browser.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.7)["data"])
+    assert pdf.startswith(b"%PDF-")
+    assert browser.run("printed")[0] == [1, 2, 5]
+    assert browser.run("charts.paper.length") == 0
 
 
 def luminance(shown):

@@ -18,13 +18,13 @@ from firmware_model.config.scenario import AccelerometerFault, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import Constant, GustReplay, GustStep, Shear
 from firmware_model.numerics.rotations import euler_angles
+from gustproof.design.derive import derive
+from gustproof.design.designs import load_design
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.loopback import fly_loopback
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import Schedule, load_law
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.loopback import fly_loopback
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly
-from gustproof.synthesis.derive import derive
-from gustproof.synthesis.designs import load_design
 
 TWO_SECONDS = replace(load_scenario("paper"), duration_s=2.0)
 FREE = replace(

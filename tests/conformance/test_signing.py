@@ -19,7 +19,7 @@ from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.signing import Signing
 from firmware_model.process import udp
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint, ControllerOutcome
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint, ControllerOutcome
 from gustproof.law.form import load_law
 
 KEY = bytes(range(32))

@@ -15,7 +15,7 @@ from firmware_model.config.waveforms import Constant
 from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint, Phase
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint, Phase
 from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, PILOT = (1, ("vehicle", 1)), (1, ("controller", 1)), (0, ("pilot", 1))

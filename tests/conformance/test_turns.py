@@ -15,7 +15,7 @@ from firmware_model.mavlink.frames import parse
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
-from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 
 VEHICLE, CONTROLLER, STATION = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("station", 1))

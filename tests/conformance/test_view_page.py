@@ -12,18 +12,18 @@ import psutil
 import pytest
 
 from firmware_model.autopilot.parameters import PAUSE_NAME
-from firmware_model.config.link_faults import Delay
+from firmware_model.config.link_faults import LinkDelay
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.recording.journal import count_records
+from gustproof.flight.routes.flight import Flight
+from gustproof.flight.routes.loopback import fly_loopback
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.processes import fly
 from gustproof.law.form import Law, load_law
-from gustproof.live.live import LivePage
-from gustproof.simulate.flight import Flight
-from gustproof.simulate.loopback import fly_loopback
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly
+from gustproof.show.live.live import LivePage
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 LAWS = (LAW, load_law("pid-fair"))
@@ -189,7 +189,7 @@ def fly_another_law(browser, flight: Watched) -> None:
 
 
 def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(browser, axe, tmp_path):
-    late = Delay(kind="delay", direction="to_vehicle", delay_s=0.012, start_s=2.0)
+    late = LinkDelay(kind="delay", direction="to_vehicle", delay_s=0.012, start_s=2.0)
     script = replace(scenario(4.0), link=(late,))
     with watched(script, tmp_path, real_time=False, twice=True) as flight:
         browser.open(flight.page.address)

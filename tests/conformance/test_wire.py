@@ -140,7 +140,7 @@ def test_type_mask_says_what_is_tracked(mask, q_NB, omega_B):
         ({"mask": 128 | 1}, RejectReason.NO_SETPOINT),
         ({"mask": 128 | 2}, RejectReason.NO_SETPOINT),
         ({"mask": 7, "thrust": math.nan}, RejectReason.NO_SETPOINT),
-        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
+        ({"mask": 7, "q": (0.0, 0.0, 0.0, 0.0)}, RejectReason.BAD_QUATERNION),
         ({"mask": 7, "q": (math.nan, 0.0, 0.0, 0.0)}, RejectReason.NOT_FINITE),
         ({"mask": 128, "rates": (math.inf, 0.0, 0.0)}, RejectReason.NOT_FINITE),
         ({"mask": 7, "system": 9}, RejectReason.OTHER_TARGET),

@@ -13,10 +13,10 @@ import pytest
 import scipy.linalg
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import Lti, lft
-from gustproof.synthesis.hinf.conditions import SingularProblemError
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
+from gustproof.robust.hinf.conditions import SingularProblemError
+from gustproof.robust.hinf.hinfsyn import hinfsyn
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Lti, lft
 
 SAVED = Path(__file__).parent / "hinf_families.json"
 GOLDEN = json.loads(SAVED.read_text(encoding="utf-8")) if SAVED.exists() else {"plants": []}

@@ -6,9 +6,9 @@ from pathlib import Path
 import control
 import pytest
 
-from gustproof.lti.state_space import Lti, gain
-from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
+from gustproof.robust.hinf.hinfsyn import hinfsyn
+from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
+from gustproof.robust.lti.state_space import Lti, gain
 
 GOLDEN = json.loads((Path(__file__).parent / "hinfsyn.json").read_text(encoding="utf-8"))
 PRINTED = 0.005
@@ -45,3 +45,39 @@ def test_skogestads_mixed_sensitivity_example():
     result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con)
     assert result.gamma_opt == pytest.approx(example["gamma_opt"], abs=PRINTED)
     assert result.norm < result.gamma
+
+
+def test_slicots_discrete_example_has_a_controller_a_little_above_its_least_level():
+    # SB10DD, gamma = 111.294: its own controller has 111.29389; the least level is 111.29320
+    A = [
+        [-0.7, 0.0, 0.3, 0.0, -0.5, -0.1],
+        [-0.6, 0.2, -0.4, -0.3, 0.0, 0.0],
+        [-0.5, 0.7, -0.1, 0.0, 0.0, -0.8],
+        [-0.7, 0.0, 0.0, -0.5, -1.0, 0.0],
+        [0.0, 0.3, 0.6, -0.9, 0.1, -0.4],
+        [0.5, -0.8, 0.0, 0.0, 0.2, -0.9],
+    ]
+    B = [
+        [-1.0, -2.0, -2.0, 1.0, 0.0],
+        [1.0, 0.0, 1.0, -2.0, 1.0],
+        [-3.0, -4.0, 0.0, 2.0, -2.0],
+        [1.0, -2.0, 1.0, 0.0, -1.0],
+        [0.0, 1.0, -2.0, 0.0, 3.0],
+        [1.0, 0.0, 3.0, -1.0, -2.0],
+    ]
+    C = [
+        [1.0, -1.0, 2.0, -2.0, 0.0, -3.0],
+        [-3.0, 0.0, 1.0, -1.0, 1.0, 0.0],
+        [0.0, 2.0, 0.0, -4.0, 0.0, -2.0],
+        [1.0, -3.0, 0.0, 0.0, 3.0, 1.0],
+        [0.0, 1.0, -2.0, 1.0, 0.0, -2.0],
+    ]
+    D = [
+        [1.0, -1.0, -2.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 1.0, 0.0],
+        [2.0, -1.0, -3.0, 0.0, 1.0],
+        [0.0, 1.0, 0.0, 1.0, -1.0],
+        [0.0, 0.0, 1.0, 2.0, 1.0],
+    ]
+    result = hinfsyn(Lti(A=A, B=B, C=C, D=D, dt=1.0), 2, 2, gamma=111.294)
+    assert result.norm + result.norm_error < 111.294

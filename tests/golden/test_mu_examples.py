@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gustproof.certify.mu.scalings import best_scalings
-from gustproof.certify.mu.singular_value import mu
-from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import Lti, Matrix, lft
-from gustproof.model.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import FullBlock
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
-from gustproof.synthesis.mu.minimum_phase import MinimumPhase
-from gustproof.synthesis.mu.scaled_plant import dynamic_filters, transform
+from gustproof.robust.hinf.hinfsyn import hinfsyn
+from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lft.uncertainty import FullBlock
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Lti, Matrix, lft
+from gustproof.robust.mu.minimum_phase import MinimumPhase
+from gustproof.robust.mu.scaled_plant import dynamic_filters, transform
+from gustproof.robust.mu.scalings import best_scalings
+from gustproof.robust.mu.singular_value import mu
 
 EXAMPLES = json.loads((Path(__file__).parent / "mu.json").read_text(encoding="utf-8"))
 EXAMPLE = EXAMPLES["distillation"]

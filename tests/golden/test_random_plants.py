@@ -22,9 +22,9 @@ import scipy.sparse
 import slycot
 
 from gustproof.errors import DesignError
-from gustproof.lti.norms import hinf_norm
-from gustproof.lti.state_space import Lti, as_lti, lft
-from gustproof.synthesis.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Lti, as_lti, lft
 
 SAVED = Path(__file__).parent / "random_plants.json"
 GOLDEN = json.loads(SAVED.read_text(encoding="utf-8")) if SAVED.exists() else {"plants": []}

@@ -9,20 +9,18 @@ import pytest
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import SCENARIOS, list_scenarios, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
+from gustproof.design.cascades.autotune import autotune_pid
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import warnings
+from gustproof.flight.routes.loopback import fly_loopback
+from gustproof.flight.scoring.metrics import attitude
+from gustproof.flight.scoring.requirements import judge
 from gustproof.law.form import load_law
-from gustproof.scoring.metrics import attitude
-from gustproof.scoring.requirements import judge
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import warnings
-from gustproof.simulate.loopback import fly_loopback
-from gustproof.synthesis.pid.autotune import autotune_pid
-
-pytestmark = pytest.mark.compiled
 
 VEHICLE = load_vehicle("paper")
 OTHERS = {"rotor-failure": load_vehicle("octo")}
 """Vehicles of scenarios that the paper's can't fly."""
-LAWS = {"attitude-steps": "pid-fair", "identify": "flagship", "large-step": "flagship", "rotor-failure": "flagship"}
+LAWS = {"attitude-steps": "pid-fair", "doublets": "flagship", "large-step": "flagship", "rotor-failure": "flagship"}
 """Who flies; `hinf-scheduled` regulates to level and takes no reference."""
 
 

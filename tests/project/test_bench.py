@@ -37,7 +37,6 @@ def test_unknown_part_is_told(tmp_path):
     assert "no part 'nothing'" in ended.stderr
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("width", [1, 32])
 def test_flight_written_in_c_by_another_hand_ends_with_our_bits(width, tmp_path, monkeypatch):
     if shutil.which("cc") is None:

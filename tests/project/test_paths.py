@@ -7,12 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
-import pytest
-
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
-from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +39,6 @@ def trace_files(run: Callable[[], None]) -> list[str]:
     return list(files)
 
 
-@pytest.mark.compiled
 def test_a_gyro_sample_passes_few_files_from_sensor_to_actuator() -> None:
     scenario = replace(load_scenario("paper-turbulence"), duration_s=0.4)
     flown: list[int] = []

@@ -5,16 +5,19 @@ from pathlib import Path
 
 import pytest
 
+from gustproof.guide.drawings import OWN_AND_INSIDE
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MOST_LINES = 150
+EQUAL_SLEWS = 0.01
+"""[-] largest relative distance of slews that the README calls equal."""
 
 
 def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= MOST_LINES
 
 
-@pytest.mark.compiled
 def test_the_example_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
     (example,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
     assert len(example.splitlines()) <= 10
@@ -27,16 +30,18 @@ def test_the_example_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_figures_of_real_autopilots_are_those_of_their_page() -> None:
     page = (ROOT / "src" / "gustproof" / "guide" / "autopilots.md").read_text(encoding="utf-8")
-    page = page.partition("## Their loops as laws")[0]
-    rows = re.findall(
-        r"^\| (PX4|ArduPilot), (tuned|`flagship` inside) \| (\.\d+) \| (\.\d+) \| ([\d.]+) \|", page, re.M
-    )
-    flown = {(autopilot, which): figures for autopilot, which, *figures in rows}
-    assert len(flown) == 4
-    text = " ".join(README.split())
+    rows = re.findall(OWN_AND_INSIDE, page, re.M)
+    flown = {(autopilot, which): [float(each) for each in figures] for autopilot, which, *figures in rows}
+    assert len(flown) == len(rows) == 4
+    text, gains = " ".join(README.split()), list[str]()
     for autopilot in ("PX4", "ArduPilot"):
-        tuned, inside = flown[autopilot, "tuned"], flown[autopilot, "`flagship` inside"]
-        assert f"| error {inside[0]}° with our law inside, {tuned[0]}° with its own loops" in text
-        assert f"{inside[1]}° and {tuned[1]}°" in text
-    inner, own = ([flown[name, which][2] for name in ("PX4", "ArduPilot")] for which in ("`flagship` inside", "tuned"))
-    assert f"torque slews of {inner[0]} and {inner[1]} N m/s, against {own[0]} and {own[1]} of the tuned" in text
+        own, inside = flown[autopilot, "own loops"], flown[autopilot, "`flagship` inside"]
+        assert inside[2] == pytest.approx(own[2], rel=EQUAL_SLEWS)
+        gains += [f"{100.0 * (1.0 - ours / theirs):.0f} %" for ours, theirs in zip(inside[:2], own[:2], strict=True)]
+        errors = [f"{value:.3f}°".lstrip("0") for value in (*inside[:2], *own[:2])]
+        assert f"| error {errors[0]} with our law inside, {errors[2]} with its own loops (-{gains[-2]}) ²" in text
+        assert f"{errors[1]} and {errors[3]}" in text
+        assert f"{inside[2]:g}" in text.partition("at the slews of our law, ")[2][:20]
+    page = " ".join(page.split())
+    assert f"our law has {gains[0]} less error than PX4's own loops and {gains[2]} less than ArduPilot's" in page
+    assert f"By their own estimates it is {gains[1]} and {gains[3]}." in page

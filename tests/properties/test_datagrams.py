@@ -27,7 +27,7 @@ from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.signing import Signing
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import ImuSample
-from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
 from gustproof.law.form import load_law
 
 KEY = bytes(range(32))

@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain, append, as_uncertain, close_loop, star
-from gustproof.model.reduction import simplify
-from gustproof.model.uncertainty import FullBlock, RealBlock
+from gustproof.robust.lft.reduction import simplify
+from gustproof.robust.lft.uncertain_system import Uncertain, append, as_uncertain, close_loop, star
+from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
+from gustproof.robust.lti.state_space import Lti
 
 ROUNDING = 1e-8
 """Relative to the largest entry; loops are kept well posed, with a condition below some 1e4."""

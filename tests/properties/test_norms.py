@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gustproof.lti.norms import h2_norm, hinf_norm
-from gustproof.lti.state_space import Lti, gain, series
+from gustproof.robust.lti.norms import h2_norm, hinf_norm
+from gustproof.robust.lti.state_space import Lti, gain, series
 
 ROUNDING = 1e-8
 """Relative; the norm promises 2e-9 and the responses round."""

@@ -14,43 +14,20 @@ from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.cli import options
-from gustproof.identification.identification import AxisEstimate, Identification, Interval
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import Law, Output, Provenance, RateLimit, Schedule, load_law
-from gustproof.logs.flight_log import CommandUnit, FlightLog, Signal
-from gustproof.recording.bag import write_bag
-from gustproof.simulate.flight import FlightPlan
+from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
+from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.types import Records
 
 UNITS = Path(__file__).parent
-WAITING = (UNITS.with_name("conformance"), UNITS / "firmware_model" / "guest", UNITS / "simulate" / "test_guest.py")
-WITH_KERNELS = ("controller", "firmware_model", "law", "scoring", "simulate")
-WITHOUT_KERNELS = (
-    *(f"firmware_model/{room}" for room in ("autopilot", "config", "mavlink", "process", "recording")),
-    *(f"firmware_model/numerics/test_{name}.py" for name in ("elementary", "rotations")),
-    *(f"firmware_model/physics/test_{name}.py" for name in ("contact", "dryden", "rigid_body", "sensors")),
-    *(f"firmware_model/session/test_{name}.py" for name in ("latency", "pacing")),
-    *(f"law/{name}" for name in ("io", "test_form.py", "test_hover.py", "test_resample.py")),
-    *("controller/test_height.py", "firmware_model/guest/test_ardupilot.py", "simulate/test_outcome.py"),
-)
-"""Rooms and files among those above, found by counting calls of entry points."""
+WAITING = (UNITS.with_name("conformance"), UNITS / "firmware_model" / "guest", UNITS / "flight/routes/test_guest.py")
 
 
 def pytest_collection_modifyitems(items):
-    """Mark what runs alike with kernels compiled and as plain Python: to run it once is enough."""
-    for item in items:
-        if _is_without_kernels(item.path) and not any(map(item.get_closest_marker, ("compiled", "slow"))):
-            item.add_marker("plain")
-    # Searches take a worker for a minute: they begin early, behind what waits for clocks, so that none is left alone.
+    """Begin with what waits for clocks, then with searches, which take a worker for a minute: none is left alone."""
     items.sort(key=lambda item: 0 if _is_waiting(item.path) else 1 if item.get_closest_marker("slow") else 2)
-
-
-@cache
-def _is_without_kernels(path):
-    if not path.is_relative_to(UNITS):
-        return False
-    file = path.relative_to(UNITS)
-    flies = any(map(file.is_relative_to, WITH_KERNELS)) and not any(map(file.is_relative_to, WITHOUT_KERNELS))
-    return len(file.parts) > 1 and not flies
 
 
 @cache
@@ -169,8 +146,8 @@ def log_of() -> Callable[[Records], FlightLog]:
         return FlightLog(
             source="flight.mcap",
             system="gustproof",
-            gyro=Signal(time=time, values=records["gyro_B"]),
-            command=Signal(time=time, values=records["torque_command_B"]),
+            gyro=LogSignal(time=time, values=records["gyro_B"]),
+            command=LogSignal(time=time, values=records["torque_command_B"]),
             command_unit=CommandUnit.NEWTON_METRES,
             airborne=((float(time[0]), float(time[-1])),),
         )
@@ -182,7 +159,13 @@ def log_of() -> Callable[[Records], FlightLog]:
 def perfect() -> Callable[..., Identification]:
     """Return what makes a vehicle's identification without error."""
 
-    def make(vehicle: Vehicle, *, unit: CommandUnit = CommandUnit.NEWTON_METRES, dt: float = 0.004) -> Identification:
+    def make(
+        vehicle: Vehicle,
+        *,
+        unit: CommandUnit = CommandUnit.NEWTON_METRES,
+        dt: float = 0.004,
+        system: str = "gustproof",
+    ) -> Identification:
         omega, time = np.geomspace(0.5, 100.0, 40), np.arange(0.0, 30.0, dt)
         lag = 1.0 / (1.0 + 1j * omega * vehicle.actuator_lag)
         model = np.array([lag / inertia for inertia in vehicle.inertia_B])
@@ -200,6 +183,8 @@ def perfect() -> Callable[..., Identification]:
         ]
         return Identification(
             source="flight.mcap",
+            system=system,
+            thrust_range=1.0,
             dt=dt,
             command_unit=unit,
             actuator_lag=_around(vehicle.actuator_lag),

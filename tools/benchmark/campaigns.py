@@ -12,10 +12,10 @@ from table import Bench, in_turns
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
-from gustproof.campaign.executors import Pool, process_pool
-from gustproof.campaign.plan import Campaign, DispersionKind, select_spreads
-from gustproof.campaign.runner import fly_campaign
-from gustproof.campaign.statistics import compute_statistics
+from gustproof.studies.campaign.executors import Pool, process_pool
+from gustproof.studies.campaign.plan import Campaign, DispersionKind, select_spreads
+from gustproof.studies.campaign.runner import fly_campaign
+from gustproof.studies.campaign.statistics import compute_statistics
 
 _FEW, _MANY = 1000, 20_000
 _TIMES = 5  # small campaigns a turn: a single one ends too soon for a comparison

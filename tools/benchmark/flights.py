@@ -16,10 +16,10 @@ from twins import Twin, difference
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.flight.routes.batch import Case, fly_many
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.kernels import LANES
 from gustproof.law.form import Law, load_law
-from gustproof.simulate.batch import Case, fly_many
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.kernels import LANES
 
 LAW, VEHICLE = load_law("hinf-scheduled"), load_vehicle("paper")
 """The self-scheduled law of order 9, and its vehicle."""

@@ -10,8 +10,8 @@ from flights import LAW, VEHICLE, scenario
 from table import Bench
 
 from firmware_model.mavlink import messages
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.processes import fly
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.processes import fly
 
 _SAMPLE = messages.imu_template(1).make(0, 4000, 0.1, 0.2, -9.8, 0.1, 0.2, 0.3)
 _COMMAND = messages.torque_template(1).make(0, 4000, 0.1, 0.2, 0.3, float("nan"))

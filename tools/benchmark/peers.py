@@ -13,7 +13,7 @@ from peer import PeerError, Program, environment
 from table import Bench
 
 from firmware_model.config.scenario import Scenario
-from gustproof.simulate.kernels import LANES
+from gustproof.flight.routes.kernels import LANES
 
 _ENVIRONMENTS = Path(sys.prefix) / "peers"
 _PROGRAMS = Path(__file__).parent / "peers"

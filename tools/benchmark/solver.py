@@ -6,8 +6,8 @@ import control
 from table import Bench, in_turns
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
+from gustproof.design.designs import design_problem, load_design
+from gustproof.robust.hinf.hinfsyn import hinfsyn
 
 _CALLS = 5  # of each solver in a turn: a single call would run with the caches of the other
 

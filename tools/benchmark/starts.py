@@ -32,7 +32,7 @@ def _controller() -> None:
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(60.0)
         address = f"127.0.0.1:{vehicle.getsockname()[1]}"
-        command = [sys.executable, "-m", "gustproof.controller", "--law", "hinf-scheduled", "--connect", address]
+        command = [sys.executable, "-m", "gustproof.flight.endpoint", "--law", "hinf-scheduled", "--connect", address]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
             vehicle.recv(2048)
             process.kill()

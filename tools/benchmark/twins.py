@@ -16,9 +16,9 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.physics.aerodynamics import AirParams
 from firmware_model.sim import layout
 from firmware_model.sim.state import initial_state
+from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import Law
 from gustproof.law.step import sparse_law
-from gustproof.simulate.direct import fly_direct
 
 Array = NDArray[np.float64]
 _SUMMATION = 1e-12  # [-] relative effect of another order of summation on a sum of squares

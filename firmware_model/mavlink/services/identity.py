@@ -29,13 +29,14 @@ _CAPABILITIES = (
 )
 _NO_VERSION = [0] * 8
 _MODE_NAMES = {Mode.ALTCTL: "Altitude", Mode.POSCTL: "Position"}
-_STANDARD_MODES = {
+STANDARD_MODES = {
     Mode.POSCTL: wire.MAV_STANDARD_MODE_POSITION_HOLD,
     Mode.ALTCTL: wire.MAV_STANDARD_MODE_ALTITUDE_HOLD,
     Mode.RETURN: wire.MAV_STANDARD_MODE_SAFE_RECOVERY,
     Mode.LAND: wire.MAV_STANDARD_MODE_LAND,
     Mode.TAKEOFF: wire.MAV_STANDARD_MODE_TAKEOFF,
 }
+"""Modes that have a number of MAV_STANDARD_MODE."""
 
 
 def make_service(context: VehicleContext) -> Service:
@@ -92,4 +93,4 @@ def _list_modes(flown: list[Mode], index: int) -> list[Message]:
 
 
 def _standard_mode(mode: Mode) -> int:
-    return int(_STANDARD_MODES.get(mode, wire.MAV_STANDARD_MODE_NON_STANDARD))
+    return int(STANDARD_MODES.get(mode, wire.MAV_STANDARD_MODE_NON_STANDARD))

@@ -6,7 +6,7 @@ replaced by the take-off altitude of the parameters, with a STATUSTEXT.
 Sticks are not supported. A client that moves sticks and requests an altitude or position mode means to steer by them,
 and is rejected. STABILIZED is accepted: a way out of OFFBOARD is open to everybody.
 
-MAVLink, commands 17, 20, 21, 22, 176, 185, 192, 400; message 11, which older programs send.
+MAVLink, commands 17, 20, 21, 22, 176, 185, 192, 262, 400; message 11, which older programs send.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,11 @@ from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.peers import Client
 from firmware_model.mavlink.services import service
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT
+from firmware_model.mavlink.services.identity import STANDARD_MODES
 from firmware_model.mavlink.services.service import CommandAck, Service, VehicleCommand, VehicleContext, make_ack
 
 _MODES = {mode.value: mode for mode in Mode}
+_BY_STANDARD_MODE = {int(number): mode for mode, number in STANDARD_MODES.items()}
 _STICK_MODES = (Mode.ALTCTL, Mode.POSCTL)
 _FORCE_DISARM = 21196  # MAVLink's magic number to disarm in the air
 _NO_ROUTE = "go-to not supported (only RTL)"
@@ -49,6 +51,7 @@ def make_service(context: VehicleContext) -> Service:
             wire.MAV_CMD_DO_SET_MODE: lambda command, client: make_ack(
                 _set_mode(autopilot, _parse_mode(command), client)
             ),
+            wire.MAV_CMD_DO_SET_STANDARD_MODE: lambda command, client: _set_standard_mode(autopilot, command, client),
             wire.MAV_CMD_NAV_TAKEOFF: lambda command, _: _take_off(context, command),
             wire.MAV_CMD_NAV_LAND: ignore_params(autopilot.land),
             wire.MAV_CMD_NAV_RETURN_TO_LAUNCH: ignore_params(autopilot.return_home),
@@ -83,6 +86,13 @@ def _set_mode(autopilot: Autopilot, mode: Mode | None, client: Client) -> Transi
     if mode is None:
         return TransitionResult.NOT_FLOWN
     return TransitionResult.STICKS if mode in _STICK_MODES and client.moves_sticks else autopilot.set_mode(mode)
+
+
+def _set_standard_mode(autopilot: Autopilot, command: VehicleCommand, client: Client) -> CommandAck:
+    mode = _BY_STANDARD_MODE.get(command.integer(1) or 0)
+    if mode is None:  # the command's description asks for this result
+        return CommandAck(wire.MAV_RESULT_FAILED, TransitionResult.NOT_FLOWN.value)
+    return make_ack(_set_mode(autopilot, mode, client))
 
 
 def _take_off(context: VehicleContext, command: VehicleCommand) -> CommandAck:

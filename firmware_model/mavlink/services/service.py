@@ -58,6 +58,9 @@ class VehicleContext(Protocol):
     def send_text(self, text: str, severity: int) -> None:
         """Send a STATUSTEXT of at most 50 characters to all peers."""
 
+    def warn(self, text: str) -> None:
+        """Send a warning of at most 50 characters to all peers, unless it was sent within the last 5 s."""
+
     def apply_parameters(self) -> None:
         """Apply changed parameters."""
 

@@ -1,6 +1,6 @@
 """Streams: message intervals of a peer, and any message on request.
 
-MAVLink, commands 510, 511, 512; message 66, which MAVProxy and older programs still send.
+MAVLink, commands 510, 511, 512, messages 66 and 244. MAVProxy and older programs still send 66 and 510.
 """
 
 from functools import partial
@@ -46,7 +46,10 @@ def _set_interval(context: VehicleContext, command: VehicleCommand, client: Clie
 
 
 def _get_interval(context: VehicleContext, command: VehicleCommand, client: Client) -> CommandAck:
-    message_id = command.integer(1)
+    return _send_interval(context, command.integer(1), client)
+
+
+def _send_interval(context: VehicleContext, message_id: int | None, client: Client) -> CommandAck:
     if message_id is None or not 0 <= message_id < 2**16:
         return CommandAck(service.DENIED)
     if (ack := _check_known(context, message_id)) is ACCEPTED:
@@ -59,6 +62,8 @@ def _request_message(context: VehicleContext, command: VehicleCommand, client: C
     message_id = command.integer(1)
     if message_id is None:
         return CommandAck(service.DENIED)
+    if message_id == wire.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+        return _send_interval(context, command.integer(2), client)
     if on_request := context.services.on_request.get(message_id):
         messages = list(on_request(command.integer(2) or 0))
     elif (ack := _check_known(context, message_id)) is ACCEPTED:

@@ -6,19 +6,20 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import LAW_HELP, find_law
+from gustproof.cli.laws import LAW_HELP, find_law, on_vehicle
 from gustproof.cli.options import (
     SEED,
     AsJson,
     FigureData,
     FigureLook,
+    Force,
     VehicleName,
-    check_output,
+    check_figure,
     complete,
     print_json,
     working,
 )
-from gustproof.report.figure_style import SUFFIXES, FigureStyle
+from gustproof.show.report.figure_style import FigureStyle
 
 
 def analyse(
@@ -38,6 +39,7 @@ def analyse(
     ] = None,
     style: FigureLook = FigureStyle.SCREEN,
     data: FigureData = False,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Print a law's margins, poles, flown figures, error budget and limits.
@@ -50,13 +52,14 @@ def analyse(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.analysis.analyse import analyse as analysed
-    from gustproof.analysis.law_margins import axis_robustness_over_frequency
-    from gustproof.report.laws import render_analysis
-    from gustproof.report.terminal import show
+    from gustproof.show.report.laws import render_analysis
+    from gustproof.show.report.terminal import show
+    from gustproof.studies.rate.analyse import analyse as analysed
+    from gustproof.studies.rate.law_margins import axis_robustness_over_frequency
 
-    check_output(output, SUFFIXES, "a figure")
-    airframe, script = load_vehicle(vehicle), load_scenario(scenario)
+    check_figure(output, data=data)
+    airframe = load_vehicle(vehicle)
+    script = on_vehicle(load_scenario(scenario), airframe)
     read = find_law(law, airframe, script.control_rate_hz)
     if read.dt != script.dt:
         raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
@@ -64,8 +67,8 @@ def analyse(
         with working(f"analysing {read.name}", quiet=as_json):
             analysis = analysed(read, airframe, script, seed=seed)
         if output is not None:
-            from gustproof.report.figure_style import figures_as
-            from gustproof.report.figures import save_analysis
+            from gustproof.show.report.figure_style import figures_as
+            from gustproof.show.report.figures import save_analysis
 
             with figures_as(style, data=data):
                 save_analysis(analysis, axis_robustness_over_frequency(read, airframe, script), output)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gustproof.cli.failures import ExitStatus
+from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.options import AsJson, Build, print_json, working
 
 
@@ -22,7 +22,8 @@ def audit(
     """Test the physics of a simulator against what it states of itself and against standards.
 
     Signs of axes and wind, gravity, thrust, rotor geometry, lag, gyroscopic term, turbulence and seeds. A quantity that
-    the simulator neither takes nor tells is shown as not reachable. Exit status 1: a test failed.
+    the simulator neither takes nor tells is shown as not reachable. Exit status 1: a test failed, or all were not
+    reachable.
 
         gustproof audit own
 
@@ -34,11 +35,11 @@ def audit(
     """
     from pydantic_core import to_jsonable_python
 
-    from gustproof.audit.adapters import load_simulator
-    from gustproof.audit.checks import Verdict
-    from gustproof.audit.checks import audit as run
-    from gustproof.report.audit import render_audit
-    from gustproof.report.terminal import show
+    from gustproof.show.report.audit import render_audit
+    from gustproof.show.report.terminal import show
+    from gustproof.studies.audit.adapters import load_simulator
+    from gustproof.studies.audit.checks import AuditVerdict
+    from gustproof.studies.audit.checks import audit as run
 
     audited = load_simulator(simulator, Path(build) if build else None)
     try:
@@ -51,5 +52,8 @@ def audit(
         print_json(to_jsonable_python(document, inf_nan_mode="null"))
     else:
         show(render_audit(audited.name, rows))
-    if any(row.verdict is Verdict.FAILED for row in rows):
+    verdicts = {row.verdict for row in rows}
+    if verdicts <= {AuditVerdict.NOT_REACHABLE}:
+        raise exit_with(f"nothing was tested of {audited.name}", ExitStatus.REQUIREMENT_FAILED)
+    if AuditVerdict.FAILED in verdicts:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gustproof.cli.flights import tell_rate
 from gustproof.cli.laws import LAW_HELP, find_law
 from gustproof.cli.options import AsJson, Build, VehicleName, complete, print_json, progress
 
@@ -41,18 +42,20 @@ def compare(
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.cli.fly import load_script
-    from gustproof.report.contest import render_comparison
-    from gustproof.report.terminal import show
-    from gustproof.simulate.comparison import compare as fly_all
-    from gustproof.simulate.guest import ForeignAutopilot
+    from gustproof.flight.routes.external import ForeignAutopilot, check_guest
+    from gustproof.show.report.contest import render_comparison
+    from gustproof.show.report.terminal import show
+    from gustproof.studies.campaign.comparison import compare as fly_all
 
-    script, airframe = load_script(scenario, free=free), load_vehicle(vehicle)
+    script, airframe = load_script(scenario, vehicle, free=free), load_vehicle(vehicle)
     ours = find_law(law, airframe, script.control_rate_hz)
     sets = params or ["stock", "tuned"]
     contestants: list[ForeignAutopilot | Law]
     contestants = [ForeignAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
     if inside:
         contestants.append(ForeignAutopilot(kind=autopilot, build=inside, law=ours.name))
+    check_guest(script, autopilot)
+    tell_rate(script, autopilot)
     title = f"{script.name}, {runs} seed{'s' if runs > 1 else ''}"
     with progress(title, quiet=as_json) as shown:
         rows = fly_all(script, airframe, [*contestants, ours], range(1, runs + 1), shown)

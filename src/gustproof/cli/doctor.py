@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from gustproof.cli.failures import ExitStatus, exit_with, say
-from gustproof.cli.options import AsJson, print_json, working
+from gustproof.cli.options import AsJson, print_json, print_next, working
 
 if TYPE_CHECKING:
-    from gustproof.simulate.checkup import Check
+    from gustproof.flight.routes.checkup import Check
 
 
 def doctor(as_json: AsJson = False) -> None:
@@ -22,7 +22,7 @@ def doctor(as_json: AsJson = False) -> None:
 
     Exit status: 0 without a fault, 1 with one.
     """
-    from gustproof.simulate.checkup import CHECKS, Status
+    from gustproof.flight.routes.checkup import CHECKS, Status
 
     done: list[Check] = []
     for subject, run in CHECKS:
@@ -38,6 +38,8 @@ def doctor(as_json: AsJson = False) -> None:
     if faults:
         names = ", ".join(check.name for check in faults)
         raise exit_with(f"{len(faults)} of {len(done)} checks failed: {names}", ExitStatus.REQUIREMENT_FAILED)
+    if not as_json:
+        print_next("fly", "gust-roll")
 
 
 def _show(checks: "Iterable[Check]") -> None:

@@ -3,19 +3,24 @@
 import errno
 import re
 import sys
+from contextvars import copy_context
 from enum import IntEnum
 from typing import Any, cast
 
 import typer
 from typer.core import TyperGroup
 
-from firmware_model.config.validation import did_you_mean, printable
+from firmware_model.config.validation import did_you_mean, none_of, printable
 from firmware_model.errors import ConfigError
 from gustproof.errors import DesignError, FlightError
 
 # The error of wrong options, of typer's own copy of click or of the package, whichever this typer has.
 _UsageError = cast("type[typer.BadParameter]", typer.BadParameter.__bases__[0])
-_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # raised by writes, without a file's name
+_LIMITS = {  # raised without a file's name: of writes only those to standard output
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "standard output: {}"),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), "{}: allow more, by ulimit -n 1024"),
+    **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), "no further process or memory: {}"),
+}
 
 
 class ExitStatus(IntEnum):
@@ -34,25 +39,41 @@ class OneLineErrors(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run the subcommand; an unexpected error still shows its traceback."""
         try:
-            return super().invoke(ctx)
+            return copy_context().run(super().invoke, ctx)  # --force holds for this command alone
         except (ConfigError, DesignError) as error:
             raise exit_with(str(error), ExitStatus.BAD_INPUT) from None
         except FlightError as error:
             raise exit_with(str(error), ExitStatus.FLIGHT_BROKE_OFF) from None
         except _UsageError as error:
-            raise _UsageError(_with_nearest(printable(error.format_message())), error.ctx) from None
+            if not error.message:  # a group without a command has shown its help
+                raise
+            raise _UsageError(_with_nearest(printable(_with_given(error)), _modes(error.ctx)), error.ctx) from None
         except KeyboardInterrupt:
             raise exit_with("interrupted", ExitStatus.INTERRUPTED) from None
         except OSError as error:
-            if error.filename is None and error.errno not in _DISK_FULL:  # not about a named file: unexpected
+            if error.filename is None and error.errno not in _LIMITS:  # not about a named file: unexpected
                 raise
-            named = "" if error.filename is None else f"{error.filename}: "
-            raise exit_with(f"{named}{error.strerror}", ExitStatus.BAD_INPUT) from None
+            line = f"{error.filename}: {{}}" if error.filename is not None else _LIMITS[error.errno or 0]
+            raise exit_with(line.format(error.strerror), ExitStatus.BAD_INPUT) from None
 
 
-def _with_nearest(message: str) -> str:
-    """Return the text of a usage error; of a wrong choice, with the nearest right one."""
+def _with_given(error: typer.BadParameter) -> str:
+    """Return the text of a usage error, with the word that is wrong if it does not show that itself."""
+    message, cause = error.format_message(), cast(Any, error.__cause__ or error.__context__)
+    inputs = [item["input"] for item in cause.errors()] if hasattr(cause, "errors") else []
+    return message + "".join(f" (given '{text}')" for text in inputs if f"'{text}'" not in message)
+
+
+def _modes(context: Any) -> list[str]:
+    """Return the subcommands of the command that a usage error is about; those of `gustproof` itself are too many."""
+    return list(getattr(context.command, "commands", ())) if context is not None and context.parent else []
+
+
+def _with_nearest(message: str, modes: list[str]) -> str:
+    """Return the text of a usage error; of a wrong subcommand or choice, with the right ones."""
     message = message.replace("Value error, ", "")
+    if modes and (unknown := re.match(r"No such command '([^']*)'", message)):
+        return none_of(unknown[1], modes)
     found = re.search(r"'([^']*)' is not one of (.*?)\.?$", message)
     return message + did_you_mean(found[1], re.findall(r"'([^']*)'", found[2])) if found else message
 

@@ -1,14 +1,17 @@
 """The command `gustproof guide`: the guide as a site, and the schemas of the files."""
 
+import os
+import shutil
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Annotated, Any
 
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import working
+from gustproof.cli.options import Force, check_folder_output, check_output, check_parent, working
 
 
 def guide(
@@ -16,7 +19,7 @@ def guide(
     page: Annotated[str, typer.Argument(help="Page to open: tutorial, px4, keys-scenario, api, …")] = "index",
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Write the site to this folder [default: a temporary one]."),
+        typer.Option("-o", "--output", help="Write the site to this folder [default: one in the cache]."),
     ] = None,
     browse: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
     schemas: Annotated[
@@ -27,6 +30,7 @@ def guide(
         Path | None,
         typer.Option(help="Fly and draw the guide's pictures into this folder, and nothing else."),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Write the guide as HTML pages that need no network, and open one in the browser.
 
@@ -41,32 +45,50 @@ def guide(
         gustproof guide --schemas schemas
     """
     if schemas is not None:
-        from gustproof.guide.schemas import write_schemas
+        from gustproof.guide.schemas import schema_files, write_schemas
 
+        _check_files(schemas, schema_files(schemas))
         print("\n".join(map(str, write_schemas(schemas))))
         return
     if pictures is not None:
-        from gustproof.guide.drawings import draw_pictures
+        from gustproof.guide.drawings import PICTURES, draw_pictures
 
+        _check_files(pictures, [pictures / f"{name}.png" for name in PICTURES])
         with working(f"drawing {pictures}", quiet=False):
             drawn = draw_pictures(pictures)
         print("\n".join(map(str, drawn)))
         return
-    from tempfile import mkdtemp
-
     from gustproof.guide.site import load_pages, page_names, write_site
 
     if page not in page_names():
         raise ConfigError(f"no page named '{page}', there are {', '.join(page_names())}")
-    if output is not None and output.is_dir() and any(output.iterdir()) and not (output / "guide.css").exists():
-        raise ConfigError(f"{output}: holds other files, and no guide to replace")
-    folder = Path(mkdtemp(prefix="gustproof-guide-")) if output is None else output
+    if output is not None:
+        check_folder_output(output)
+    folder = output or _own_folder()
     with working(f"writing {folder}", quiet=False):
         write_site(load_pages(options_page(context.find_root())), folder)
     opened = (folder / f"{page}.html").resolve()
     print(opened)
     if browse:
         webbrowser.open(opened.as_uri())
+
+
+def _check_files(folder: Path, paths: Iterable[Path]) -> None:
+    """Refuse files in a folder that can't be made, or that exist, unless `Force` is given."""
+    check_parent(folder)
+    for path in paths if folder.exists() else ():
+        check_output(path, path.suffix, "this file")
+
+
+def _own_folder() -> Path:
+    """Return a place for the site in the user's cache, empty; a temporary folder where that can't be written."""
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gustproof"
+        cache.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # no home
+        return Path(mkdtemp(prefix="gustproof-guide-"))
+    shutil.rmtree(cache / "guide", ignore_errors=True)
+    return cache / "guide" if os.access(cache, os.W_OK) else Path(mkdtemp(prefix="gustproof-guide-"))
 
 
 def options_page(root: Any) -> str:
@@ -83,5 +105,6 @@ def _iter_commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
     if parts is None:
         yield name, command
         return
-    for part, each in parts.items():
+    for part in command.list_commands(None):
+        each = parts[part]
         yield from _iter_commands(each, f"{name} {part}")

@@ -12,11 +12,13 @@ from gustproof.cli.laws import PARAMETER_SUFFIXES
 from gustproof.cli.options import (
     SEED,
     AsJson,
+    Force,
     VehicleName,
     check_output,
     is_given,
     parse_positive_vector,
     print_json,
+    print_next,
     progress,
 )
 
@@ -24,10 +26,11 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
-    from gustproof.analysis.judge import Judgement
+    from gustproof.design.autopilot_gains import AutopilotTuning
+    from gustproof.design.tune import Tuning
     from gustproof.law.form import Law
-    from gustproof.synthesis.autopilot_gains import AutopilotTuning
-    from gustproof.synthesis.tune import Tuning
+    from gustproof.studies.rate.improvement import Improvement
+    from gustproof.studies.rate.judge import Judgement
 
 _LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
 
@@ -53,6 +56,7 @@ def judge(
     ] = None,
     seed: Annotated[int, SEED] = 1,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write a page here (.html).")] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Judge gains on a vehicle and its spreads: sound, fragile or unstable, with the evidence.
@@ -61,6 +65,7 @@ def judge(
     error and slew in the air, beside the least possible at that price. The worst gust found within a moment budget. A
     proved bound of the attitude, and the nearest case that fails, flown. Then advice from the loop itself: what each
     filter and gain costs, what another value would allow, and better gains; for a law those if --better is given.
+    Those have at most twice the torque slew. Their title tells the cost.
 
     Sound means stable over the spreads, with Ms at most 2 for the nominal vehicle and 2.5 over the spreads. It also
     means a delay margin of a sample and 5 ms, and no gust found that costs the attitude. Exit status: 0 sound, 1
@@ -74,16 +79,16 @@ def judge(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.analysis.advice import autopilot_kind
-    from gustproof.analysis.judge import Verdict
-    from gustproof.report.judgement import NONE_BETTER
+    from gustproof.show.report.judgement import NONE_BETTER
+    from gustproof.studies.rate.advice import autopilot_kind
+    from gustproof.studies.rate.judge import Verdict
 
     check_output(output, ".html", "a page")
     budget = None if moment is None else parse_positive_vector("--moment", moment)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
     law, step, remarks = _read(gains, vehicles.nominal)
     is_autopilot = autopilot_kind(law) is not None
-    check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")), new=True)
+    check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
     _tell_default(context, vehicle, is_autopilot=is_autopilot)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
@@ -91,17 +96,41 @@ def judge(
     in_vain = (NONE_BETTER,) * (search and tuned is None)
     written = [*_save(tuned, vehicles.nominal, better), *filter(None, [output])]
     if output is not None:
-        from gustproof.report.html.judgement_page import write_judgement
+        from gustproof.show.report.html.judgement_page import write_judgement
 
         write_judgement(found, improved, (*remarks, *in_vain), output)
     if as_json:
         print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
     else:
         _print(found, improved, remarks, [*in_vain, *map("{} is written".format, written)])
+        _print_next(found, tuned, gains, vehicle, air, better)
     if in_vain and better:
         raise ConfigError(f"{NONE_BETTER}: {better} is not written")
     if found.verdict is not Verdict.SOUND:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _print_next(
+    found: "Judgement",
+    tuned: "AutopilotTuning | Tuning | None",
+    gains: str,
+    vehicle: str,
+    air: str,
+    better: Path | None,
+) -> None:
+    """Print the way from a verdict to the board: better gains, a flight of the autopilot, or the law's export."""
+    from gustproof.studies.rate.advice import autopilot_kind
+    from gustproof.studies.rate.judge import Verdict
+
+    kind, is_better = autopilot_kind(found.law), tuned is not None and better is not None
+    chosen = str(better) if is_better else gains
+    if not is_better and found.verdict is not Verdict.SOUND:
+        if kind and tuned is not None:
+            print_next("judge", gains, "--vehicle", vehicle, "--better", f"better{PARAMETER_SUFFIXES[0]}")
+    elif kind is None:
+        print_next("export", chosen, "--vehicle", vehicle, "--px4", f"{Path(chosen).stem}-px4")
+    elif Path(chosen).suffix in PARAMETER_SUFFIXES:
+        print_next("fly", air, "--autopilot", kind, "--params", chosen, "--vehicle", vehicle)
 
 
 def _tell_default(context: typer.Context, vehicle: str, *, is_autopilot: bool) -> None:
@@ -112,29 +141,33 @@ def _tell_default(context: typer.Context, vehicle: str, *, is_autopilot: bool) -
 
 def _judge_both(
     law: "Law", vehicles: "VehicleSet", scenario: "Scenario", *, search: bool, quiet: bool, **asked: Any
-) -> "tuple[Judgement, AutopilotTuning | Tuning | None, Judgement | None]":
-    """Return the judgement of a law, better gains if they are searched and found, and their judgement.
+) -> "tuple[Judgement, AutopilotTuning | Tuning | None, Improvement | None]":
+    """Return the judgement of a law, better gains if they are searched and found, and what they bring and cost.
 
     Raises
     ------
     ConfigError
         If the law cannot be judged on the vehicle or in the scenario.
     """
-    from gustproof.analysis.judge import improve, judge_law
+    from gustproof.studies.rate.improvement import weigh
+    from gustproof.studies.rate.judge import improve, judge_law
 
     try:
         with progress(f"judging {law.name}", quiet=quiet) as shown:
             found = judge_law(law, vehicles, scenario, progress=shown, **asked)
             shown(0.9, "better gains")
             tuned = improve(found, vehicles) if search else None
-            return found, tuned, None if tuned is None else judge_law(tuned.law, vehicles, scenario, **asked)
+            if tuned is None:
+                return found, None, None
+            weighed = weigh(found, judge_law(tuned.law, vehicles, scenario, **asked), asked["seed"])
+            return found, None if weighed is None else tuned, weighed
     except (ValueError, OverflowError) as error:
         raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
 
 
-def _print(found: "Judgement", improved: "Judgement | None", remarks: tuple[str, ...], lines: list[str]) -> None:
-    from gustproof.report.judgement import render_judgement
-    from gustproof.report.terminal import show
+def _print(found: "Judgement", improved: "Improvement | None", remarks: tuple[str, ...], lines: list[str]) -> None:
+    from gustproof.show.report.judgement import render_judgement
+    from gustproof.show.report.terminal import show
 
     show(render_judgement(found, improved))
     print("\n".join([*(f"model: {remark}" for remark in remarks), *lines]))
@@ -142,7 +175,7 @@ def _print(found: "Judgement", improved: "Judgement | None", remarks: tuple[str,
 
 def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path | None) -> list[Path]:
     """Write better gains if they are found and a file is named for them; return the files written."""
-    from gustproof.synthesis.autopilot_gains import AutopilotTuning, save_tuning
+    from gustproof.design.autopilot_gains import AutopilotTuning, save_tuning
 
     if tuned is None or path is None:
         return []
@@ -155,8 +188,8 @@ def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Pa
 
 def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
     """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model."""
-    from gustproof.autopilots.models import AUTOPILOTS, autopilot_law, read_autopilot_law
-    from gustproof.law.io.matrices import read_law
+    from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
+    from gustproof.law.write.matrices import read_law
 
     path = Path(gains)
     if gains in AUTOPILOTS:
@@ -166,7 +199,7 @@ def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]
         return read_law(gains), 0.0, ()
     findings: tuple[str, ...] = ()
     if path.suffix.lower() in _LOGS:
-        from gustproof.logs.read import read_log
+        from gustproof.logs.read.read_log import read_log
 
         log = read_log(path)
         if not log.parameters:

@@ -5,19 +5,42 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from firmware_model.config.validation import printable
+from firmware_model.errors import ConfigError
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
+    from gustproof.flight.controllers.entry import Pilot
     from gustproof.law.form import Law
 
 PARAMETER_SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of autopilots' parameter files."""
 LAW_HELP = (
-    "Name of a shipped law, a .json or .mat file, or a folder of tables. Parameters of PX4 or ArduPilot (.params, "
-    ".param) mean that autopilot's own loops."
+    "A shipped law, a .json or .mat file, or a folder of tables; parameters of PX4 or ArduPilot (.params, .param) for "
+    "its own loops."
 )
+
+
+FLOWN_HELP = "A law as for 'fly', or your controller: MODULE.py:MAKER, LIBRARY.so, 'exec: COMMAND'."
+
+
+def is_entry(source: str) -> bool:
+    """Return whether a word names a user's own controller, not a law."""
+    return ":" in source or source.endswith((".so", ".dylib", ".dll"))
+
+
+def find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
+    """Return a law, or a user's own controller, which runs code: call it with words of the command line alone.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such law or controller.
+    """
+    from gustproof.flight.controllers.entry import parse_entry
+
+    return parse_entry(source) if is_entry(source) else find_law(source, vehicle, None)
 
 
 def is_parameter_file(name_or_path: str) -> bool:
@@ -37,16 +60,57 @@ def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law
     ConfigError
         If a parameter file is wrong.
     """
-    from gustproof.law.io.matrices import read_law
+    from gustproof.law.write.matrices import read_law
 
     if not is_parameter_file(name_or_path):
         return read_law(name_or_path)
-    from gustproof.autopilots.models import read_autopilot_law
+    from gustproof.design.loops.models import read_autopilot_law
 
     found = read_autopilot_law(Path(name_or_path), vehicle, rate_hz=rate_hz)
     for remark in found.remarks:
         print(f"{found.law.name}: {printable(remark)}", file=sys.stderr)
     return found.law
+
+
+def find_law_vehicle(law: str, vehicle: str | None) -> str:
+    """Return the vehicle that is given, or the shipped one that a law names; warn of one that it is not made for.
+
+    Raises
+    ------
+    ConfigError
+        If none is given, and the law names none that is shipped.
+    """
+    from firmware_model.config.vehicle import list_vehicles, load_vehicle
+    from gustproof.law.form import load_law
+
+    made_for = load_law(law).provenance.vehicle
+    if vehicle is None:
+        if made_for not in list_vehicles():
+            named = f"was designed for vehicle '{made_for}', which is not shipped" if made_for else "names no vehicle"
+            raise ConfigError(f"law '{law}' {named}: give --vehicle FILE")
+        return made_for
+    if (given := load_vehicle(vehicle).name) != made_for and made_for:
+        warning = printable(f"law '{law}' was designed for vehicle '{made_for}', not '{given}'")
+        print(f"gustproof: warning: {warning}", file=sys.stderr)
+    return vehicle
+
+
+def on_vehicle(script: "Scenario", vehicle: "Vehicle") -> "Scenario":
+    """Return the scenario with the delay that a log of the vehicle measured; a line on stderr says so."""
+    from firmware_model.config.scenario import with_measured_delay
+
+    late = with_measured_delay(script, vehicle)
+    if late is not script:
+        name, delay = printable(vehicle.name), f"{late.delay_samples} samples late, not {script.delay_samples}"
+        print(f"gustproof: commands act {delay}: '{name}' has a measured delay", file=sys.stderr, flush=True)
+    return late
+
+
+def choose_law(name_or_path: str | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "Law":
+    """Return a law for a flight, see `find_law`; without a name the default one, see `default_law`."""
+    if name_or_path is None:
+        return default_law(vehicles, script, quiet=quiet)
+    return find_law(name_or_path, vehicles.nominal, script.control_rate_hz)
 
 
 def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "Law":
@@ -59,7 +123,7 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     DesignError
         If there is none.
     """
-    from gustproof.controller import DEFAULT_LAW
+    from gustproof.flight.endpoint import DEFAULT_LAW
     from gustproof.law.form import load_law
 
     shipped, name = load_law(DEFAULT_LAW), vehicles.nominal.name
@@ -69,7 +133,7 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
 
     from firmware_model.config.scenario import load_scenario
     from gustproof.cli.options import progress
-    from gustproof.synthesis.tune import tune_law  # takes longer to import than the shipped law to fly
+    from gustproof.design.tune import tune_law  # takes longer to import than the shipped law to fly
 
     air = replace(
         load_scenario("paper-turbulence"),

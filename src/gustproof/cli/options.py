@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import shlex
 import sys
 import threading
 import time
@@ -9,13 +11,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from firmware_model.config.validation import printable
+from firmware_model.config.whole_file import OVERWRITES, check_folder
 from firmware_model.errors import ConfigError
-from gustproof.report.figure_style import FigureStyle
+from gustproof.show.report.figure_style import SUFFIXES, FigureStyle
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
@@ -26,7 +29,7 @@ COMPILING = ": compiling the simulator, once after an installation"
 _FIRST_LINE_S, _NEXT_LINES_S = 2.0, 10.0  # between lines that say what goes on, where there is no terminal
 _SHIPPED = {  # the packages whose folders hold the names of each kind; read without loading what they hold
     "law": ("gustproof.law", "data"),
-    "design": ("gustproof.synthesis", "data"),
+    "design": ("gustproof.design", "data"),
     "vehicle": ("firmware_model.config", "data/vehicles"),
     "scenario": ("firmware_model.config", "data/scenarios"),
 }
@@ -44,28 +47,34 @@ def complete(kind: str, *words: str) -> Callable[[str], list[str]]:
     return names
 
 
+def _allow_overwriting(*, wanted: bool) -> bool:
+    OVERWRITES.set(wanted)
+    return wanted
+
+
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Overwrite files that exist.", callback=_allow_overwriting),
+]
+"""An option that acts by itself: all that writes files heeds it. Each command that writes has it."""
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout, and nothing else.")]
 Anyway = Annotated[
     bool,
-    typer.Option(
-        "--anyway", help="Fly even a law that is unstable on the vehicle, or references that it does not hold."
-    ),
+    typer.Option("--anyway", help="Fly even a law that is unstable there, or can't hold the references."),
 ]
 AutopilotName = Annotated[
     str | None,
     typer.Option(
         "--autopilot",
-        help="Fly a real autopilot, px4, ardupilot or betaflight, in place of our own.",
+        help="Fly a real px4, ardupilot or betaflight.",
         show_default=False,
     ),
 ]
-Build = Annotated[
-    str, typer.Option(help="Folder of the autopilot's build [default: the usual places].", show_default=False)
-]
+Build = Annotated[str, typer.Option(help="Folder of its build [default: the usual places].", show_default=False)]
 Params = Annotated[
     str,
     typer.Option(
-        help="Parameters of the autopilot, a file or a shipped set such as tuned, on top of those for the vehicle.",
+        help="Parameters of the autopilot: a file, or a shipped set such as tuned.",
         show_default=False,
     ),
 ]
@@ -74,18 +83,41 @@ FigureLook = Annotated[
 ]
 FigureData = Annotated[bool, typer.Option("--data", help="Write the drawn numbers beside the figure (.csv).")]
 VehicleName = Annotated[
-    str, typer.Option(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+    str, typer.Option(help="A shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
 ]
-SEED = typer.Option(min=0, max=2**32 - 1, help="Seed of gusts and noise.")
+
+
+Number = TypeVar("Number", int, float)
+
+
+def in_range(low: float, high: float | None = None) -> Callable[[Number | None], Number | None]:
+    """Return what refuses a number outside a range; typer's own ranges take half the width of a help."""
+
+    def check(value: Number | None) -> Number | None:
+        if value is not None and not low <= value <= (value if high is None else high):
+            raise typer.BadParameter(f"{value} is not in the range x>={low}" + f" and x<={high}" * (high is not None))
+        return value
+
+    return check
+
+
+SEED = typer.Option(callback=in_range(0, 2**32 - 1), help="Seed of gusts and noise.")
 
 
 def print_json(document: Any) -> None:
-    """Print a document of JSON values."""
-    print(json.dumps(document, indent=2))
+    """Print a document of JSON values; numbers that are not finite, which JSON does not have, become null."""
+    from pydantic_core import to_jsonable_python
+
+    print(json.dumps(to_jsonable_python(document, inf_nan_mode="null"), indent=2, allow_nan=False))
 
 
-def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str, *, new: bool = False) -> None:
-    """Refuse an output file with none of the suffixes, in no folder or, if it must be `new`, one that exists.
+def print_next(*words: object) -> None:
+    """Print the command that comes next on the road from a log to the board."""
+    print("next: " + printable(shlex.join(["gustproof", *map(str, words)])))
+
+
+def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str) -> None:
+    """Refuse an output file with none of the suffixes, in no folder, or one that exists unless `Force` is given.
 
     Raises
     ------
@@ -97,23 +129,63 @@ def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str, *,
     suffixes = (suffix,) if isinstance(suffix, str) else suffix
     if path.suffix not in suffixes:
         raise ConfigError(f"{path}: {kind} ends in {' or '.join(suffixes)}")
+    check_parent(path)
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a folder")
+    if os.path.lexists(path) and not OVERWRITES.get():
+        raise ConfigError(f"{path}: exists already; --force overwrites it")
+
+
+def check_parent(path: Path) -> None:
+    """Refuse an output in no folder: a folder by a slip of the pen would be lost among others.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such folder.
+    """
     if not path.parent.is_dir():
         raise ConfigError(f"{path.parent}: no such folder")
-    if new and path.exists():
-        raise ConfigError(f"{path}: exists already; nothing is overwritten")
+
+
+def check_folder_output(path: Path) -> None:
+    """Refuse an output folder in no folder, or one with files unless `Force` is given.
+
+    Raises
+    ------
+    ConfigError
+        If it can't be the output.
+    """
+    check_parent(path)
+    check_folder(path)
+
+
+def check_figure(path: Path | None, *, data: bool) -> None:
+    """Refuse a figure as `check_output` does, and the file of its numbers if `data` is wanted.
+
+    Raises
+    ------
+    ConfigError
+        If one of them can't be the output.
+    """
+    check_output(path, SUFFIXES, "a figure")
+    if path is not None and data:
+        check_output(path.with_suffix(".csv"), ".csv", "its numbers")
+
+
+def flight_files(output: Path) -> tuple[Path, Path]:
+    """Return the files of a found flight: its scenario, and its vehicle named after that."""
+    return output, output.with_name(f"{output.stem}-vehicle.toml")
 
 
 def save_flight(scenario: "Scenario", vehicle: "Vehicle", nominal: "Vehicle", output: Path) -> list[Path]:
-    """Write a found flight as a scenario, and its vehicle beside it unless that is the nominal one; return the files.
-
-    The vehicle's file is named after the scenario's, with `-vehicle` at the end.
-    """
+    """Write a found flight as a scenario, and its vehicle beside it unless it is the nominal one; return the files."""
     from firmware_model.config.files import write_toml
 
+    _, beside = flight_files(output)
     write_toml(scenario, output)
     if vehicle == nominal:
         return [output]
-    beside = output.with_name(f"{output.stem}-vehicle.toml")
     write_toml(vehicle, beside)
     return [output, beside]
 

@@ -6,9 +6,10 @@ from typing import Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import check_output, working
-from gustproof.recording.folder import find_bags
-from gustproof.recording.layout import LAYOUTS, save_layout
+from gustproof.cli.flights import complete_recordings
+from gustproof.cli.options import Force, check_output, working
+from gustproof.flight.recording.folder import find_bags
+from gustproof.flight.recording.layout import LAYOUTS, save_layout
 
 
 def report(
@@ -18,26 +19,22 @@ def report(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Write the page here (.html), or a layout (.json, .xml).")
     ] = Path("report.html"),
+    force: Force = False,
 ) -> None:
     """Write one page on some flights: figures, linked time histories, margins, spectra, a 3D replay.
 
-    The page is one HTML file that opens without a network. Every group of charts can be saved as PNG.
-
-        gustproof fly paper --law hinf-d1 --output run1
-
-        gustproof fly paper --law pid-fair --output run2
+    The page is one HTML file that opens without a network. For a campaign's table it shows the distributions of all
+    figures by law, their causes, and the worst runs. Other viewers open the bags: -o layout.json is a layout for
+    Foxglove, -o layout.xml one for PlotJuggler. A flight that a power loss, a kill or a full disk cut off is completed
+    from its journal first.
 
         gustproof report run1 run2 -o report.html
-
-    Other viewers open the bags: -o layout.json is a layout for Foxglove, -o layout.xml one for PlotJuggler.
-
         gustproof report run1 -o layout.json
-
-    For a campaign's table the page shows the distributions of all figures by law, their causes, and the worst runs.
-
         gustproof report mc.parquet -o mc.html
     """
-    check_output(output, (".html", *LAYOUTS), "a report or a layout", new=True)
+    check_output(output, (".html", *LAYOUTS), "a report or a layout")
+    for run in runs:
+        complete_recordings(run)
     if output.suffix in LAYOUTS:
         for run in runs:
             find_bags(run)
@@ -45,7 +42,7 @@ def report(
         print(f"layout for the bags in {', '.join(map(str, runs))} in {output}")
         return
     if any(run.suffix == ".parquet" for run in runs):
-        from gustproof.report.html.campaign_page import write_campaign_report
+        from gustproof.show.report.html.campaign_page import write_campaign_report
 
         if len(runs) > 1:
             raise ConfigError(f"{', '.join(map(str, runs))}: a page shows one campaign, or flights")
@@ -53,8 +50,8 @@ def report(
             write_campaign_report(runs[0], output)
         print(f"the campaign of {runs[0]} in {output}")
         return
-    from gustproof.report.html.page import write_report
-    from gustproof.report.html.runs import read_runs
+    from gustproof.show.report.html.page import write_report
+    from gustproof.show.report.html.runs import read_runs
 
     with working(f"writing {output}", quiet=False):
         flights = read_runs(runs)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from gustproof.cli.options import Anyway, FigureData, FigureLook, VehicleName, print_json, progress
-from gustproof.report.figure_style import FigureStyle, figures_as
+from gustproof.show.report.figure_style import FigureStyle, figures_as
 
 
 class FigureFile(Enum):
@@ -48,15 +48,15 @@ def reproduce(
         gustproof reproduce --vehicle iris
     """
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.recording.folder import make_run_folder
-    from gustproof.report.terminal import show
-    from gustproof.reproduce import run as paper
+    from gustproof.flight.recording.folder import run_folder
+    from gustproof.show.report.terminal import show
+    from gustproof.show.reproduce import run as paper
 
     vehicles = load_vehicle_set(vehicle)
     with progress("starting", quiet=as_json) as show_progress:
         laws = paper.find_laws(vehicles, anyway=anyway, progress=show_progress)
-        folder = make_run_folder(output, "reproduce")
-        with figures_as(style, data=data, suffix=f".{figures.value}"):
+        looks = figures_as(style, data=data, suffix=f".{figures.value}")
+        with run_folder(output, "reproduce") as folder, looks:
             result = paper.reproduce(vehicles.nominal, range(1, seeds + 1), folder, show_progress, laws)
     if as_json:
         print_json(result.to_dict())

@@ -7,7 +7,7 @@ import typer
 
 from firmware_model.errors import ConfigErrors
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.options import check_output, complete
+from gustproof.cli.options import Force, check_output, complete
 
 scenario = typer.Typer(no_args_is_help=True, help="List, show and check scenarios, and extract the wind of a flight.")
 
@@ -28,7 +28,7 @@ def check(
     gustproof scenario check mine.toml
     """
     from firmware_model.config.scenario import load_scenario
-    from gustproof.report.catalogue import describe_scenario
+    from gustproof.show.report.catalogue import describe_scenario
 
     try:
         script = load_scenario(file)
@@ -47,6 +47,7 @@ def extract(
     moment: Annotated[
         bool, typer.Option("--moment", help="Write the whole disturbance moment instead of the gusts.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Write the gusts of a recorded flight as CSV, for a replay in your own scenario.
 
@@ -54,9 +55,9 @@ def extract(
 
     In the scenario, use [[wind]] with kind = "replay" and file = "wind.csv".
     """
-    from gustproof.recording.bag import read_bag
-    from gustproof.recording.folder import find_bag
-    from gustproof.recording.replay import save_replay
+    from gustproof.flight.recording.bag import read_bag
+    from gustproof.flight.recording.folder import find_bag
+    from gustproof.flight.recording.replay import save_replay
 
     check_output(output, ".csv", "a replay")
     _, records = read_bag(find_bag(run))

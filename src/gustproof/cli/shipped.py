@@ -9,13 +9,28 @@ from gustproof.cli.options import AsJson, complete, print_json
 
 
 class WithDefault(TyperGroup):
-    """Group of commands of which one does not need its name: any first word that is no other command's is its own."""
+    """Group of commands of which the first does not need its name: what names no other one is for it.
 
-    default = "solve"
+    An option that only another command has names that one.
+    """
+
+    @property
+    def default(self) -> str:
+        """Name of the command that does not need it."""
+        return next(iter(self.commands))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the name of the default command before its arguments."""
-        return super().parse_args(ctx, args if args and args[0] in self.commands else [self.default, *args])
+        """Put the name of the command that is meant before its arguments."""
+        if args and (args[0] in self.commands or args[0] == "--help"):
+            return super().parse_args(ctx, args)
+        return super().parse_args(ctx, [self.find_meant(args), *args])
+
+    def find_meant(self, args: list[str]) -> str:
+        """Return the name of the command that arguments are for."""
+        first, *others = ({each for p in command.params for each in p.opts} for command in self.commands.values())
+        given = {word.partition("=")[0] for word in args}
+        named = [name for name, own in zip(list(self.commands)[1:], others, strict=True) if given & (own - first)]
+        return named[0] if len(named) == 1 else self.default
 
 
 def add_catalogue(group: typer.Typer, kind: str) -> None:
@@ -31,12 +46,12 @@ def add_catalogue(group: typer.Typer, kind: str) -> None:
 
     @group.command("list", help=listing)
     def list_all(as_json: AsJson = False) -> None:
-        from gustproof.report.catalogue import CATALOGUES, catalogue_table, summarize_all
+        from gustproof.show.report.catalogue import CATALOGUES, catalogue_table, summarize_all
 
         if as_json:
             print_json(summarize_all(CATALOGUES[kind]))
             return
-        from gustproof.report.terminal import show
+        from gustproof.show.report.terminal import show
 
         show(catalogue_table(CATALOGUES[kind]))
 
@@ -52,8 +67,8 @@ def add_catalogue(group: typer.Typer, kind: str) -> None:
         ],
         as_json: AsJson = False,
     ) -> None:
-        from gustproof.report.catalogue import CATALOGUES, read_source, render_law, to_document
-        from gustproof.report.terminal import show
+        from gustproof.show.report.catalogue import CATALOGUES, read_source, render_law, to_document
+        from gustproof.show.report.terminal import show
 
         catalogue = CATALOGUES[kind]
         if as_json:

@@ -11,21 +11,25 @@ from gustproof.cli.options import (
     AsJson,
     FigureData,
     FigureLook,
+    Force,
+    check_figure,
     check_output,
     complete,
     print_json,
+    print_next,
     progress,
     refuse_given,
 )
-from gustproof.report.figure_style import SUFFIXES, FigureStyle, figures_as
+from gustproof.design.literature.structures import BASELINES
+from gustproof.show.report.figure_style import FigureStyle, figures_as
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
 
 
-class Structure(Enum):
-    """Structure of a law: a `synthesis.tune.LawKind`, or a baseline, `baselines.linear.tuned.BaselineKind`."""
+class LawStructure(Enum):
+    """Structure of a law: a `design.tune.LawKind`, or a baseline."""
 
     FLAGSHIP = "flagship"
     PID = "pid"
@@ -33,13 +37,7 @@ class Structure(Enum):
     AIDED = "aided"
     HINF = "hinf"
     HINF_RATES = "hinf-rates"
-    LQG = "lqg"
-    LOOP_SHAPING = "loop-shaping"
-    ADRC = "adrc"
-    L1 = "l1"
-    DOB = "dob"
-    PX4 = "px4"
-    ARDUPILOT = "ardupilot"
+    vars().update({name: name for name in BASELINES})
 
 
 class TunedAutopilot(Enum):
@@ -54,7 +52,7 @@ def tune(
     vehicle: Annotated[
         str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
     ],
-    law: Annotated[Structure, typer.Option(help="Structure of the law.")] = Structure.FLAGSHIP,
+    law: Annotated[LawStructure, typer.Option(help="Structure of the law.")] = LawStructure.FLAGSHIP,
     slew: Annotated[
         float | None,
         typer.Option(help="Largest rms torque slew [N m/s] [default: 6 times the rms gust moment over the lag]."),
@@ -76,6 +74,7 @@ def tune(
     ] = None,
     style: FigureLook = FigureStyle.SCREEN,
     data: FigureData = False,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Tune a law for a vehicle: the least attitude error in gusts at a torque slew and a sensitivity peak.
@@ -92,7 +91,7 @@ def tune(
     from firmware_model.config.uncertainty import load_vehicle_set
 
     check_output(output, *((".json", "a law file") if autopilot is None else (PARAMETER_SUFFIXES, "a parameter file")))
-    check_output(figure, SUFFIXES, "a figure")
+    check_figure(figure, data=data)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if autopilot is None:
         with figures_as(style, data=data):
@@ -100,10 +99,12 @@ def tune(
     else:
         refuse_given(context, ("law", "figure"), "--for tunes the autopilot's own loops")
         _tune_autopilot(autopilot, vehicles, script, slew, ms, output, as_json=as_json)
+    if output is not None and not as_json:
+        print_next("judge", output, "--vehicle", vehicle)
 
 
 def _tune_law(
-    law: Structure,
+    law: LawStructure,
     vehicles: "VehicleSet",
     script: "Scenario",
     slew: float | None,
@@ -113,16 +114,16 @@ def _tune_law(
     *,
     as_json: bool,
 ) -> None:
-    from gustproof.baselines.linear.tuned import BaselineKind, tune_baseline
-    from gustproof.report.laws import render_tuning
-    from gustproof.report.terminal import show
-    from gustproof.synthesis.tune import least_errors, tune_law
+    from gustproof.design.literature.tuned import tune_baseline
+    from gustproof.design.tune import least_errors, tune_law
+    from gustproof.show.report.laws import render_tuning
+    from gustproof.show.report.terminal import show
 
-    search = tune_baseline if law.value in list(BaselineKind) else tune_law
+    search = tune_baseline if law.value in BASELINES else tune_law
     with progress("tuning", quiet=as_json) as shown:
         tuning = search(law.value, vehicles, script, slew=slew, sensitivity_peak=ms, progress=shown)
         if figure is not None:
-            from gustproof.report.figures import save_tuning
+            from gustproof.show.report.figures import save_tuning
 
             save_tuning(tuning, least_errors(vehicles.nominal, script, tuning), figure)
     if output is not None:
@@ -148,8 +149,8 @@ def _tune_autopilot(
 ) -> None:
     import math
 
-    from gustproof.synthesis.autopilot_gains import save_tuning, tune_gains
-    from gustproof.synthesis.tune import wanted_slew
+    from gustproof.design.autopilot_gains import save_tuning, tune_gains
+    from gustproof.design.tune import wanted_slew
 
     price = wanted_slew(vehicles.nominal, script, slew, ms)
     with progress(f"tuning {autopilot.value}", quiet=as_json) as shown:

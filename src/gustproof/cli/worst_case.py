@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import LAW_HELP, find_law
+from gustproof.cli.laws import FLOWN_HELP, find_pilot, is_entry
 from gustproof.cli.options import (
     AsJson,
+    Force,
     VehicleName,
     check_output,
     complete,
+    flight_files,
+    in_range,
     parse_positive_vector,
     print_json,
     progress,
@@ -24,37 +27,28 @@ from gustproof.cli.options import (
 
 if TYPE_CHECKING:
     from firmware_model.config.vehicle import Vehicle
-    from gustproof.entries.entry import Pilot
-    from gustproof.falsify.shrink import SmallestCase
-    from gustproof.falsify.worst_case import WorstCase
+    from gustproof.flight.controllers.entry import Pilot
+    from gustproof.studies.worst_case.moment_search import WorstCase
+    from gustproof.studies.worst_case.shrink import SmallestCase
 
 _SHARE = 0.9  # [-] of the worst error, that a shrunk flight reaches by default
 
 
 def worst_case(
-    law: Annotated[
-        str | None, typer.Argument(help=LAW_HELP, show_default=False, autocompletion=complete("law"))
-    ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            help="Your own controller in place of a law: MODULE.py:MAKER, LIBRARY.so or 'exec: COMMAND'.",
-            show_default=False,
-        ),
-    ] = None,
+    law: Annotated[str, typer.Argument(help=FLOWN_HELP, show_default=False, autocompletion=complete("law"))],
     budget: Annotated[
         str, typer.Option("--moment", help="Largest moment about each axis, L,M,N [N m].")
     ] = "0.65,0.65,0.3",
-    horizon: Annotated[float, typer.Option(min=1.0, max=3600.0, help="Length of a flight [s].")] = 60.0,
+    horizon: Annotated[float, typer.Option(callback=in_range(1, 3600), help="Length of a flight [s].")] = 60.0,
     inertia_spread: Annotated[
-        float, typer.Option(min=0.0, max=0.9, help="Search inertias within this fraction of their nominal values.")
+        float, typer.Option(callback=in_range(0, 0.9), help="Search inertias within this fraction of nominal.")
     ] = 0.0,
     lag_spread: Annotated[
-        float, typer.Option(min=0.0, max=0.9, help="Search the actuator lag within this fraction of its nominal value.")
+        float, typer.Option(callback=in_range(0, 0.9), help="Search the actuator lag within this fraction of nominal.")
     ] = 0.0,
     vehicle: VehicleName = "paper",
-    flights: Annotated[int, typer.Option(min=100, help="Flights of the search.")] = 500,
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the search.")] = 1,
+    flights: Annotated[int, typer.Option(callback=in_range(100), help="Flights of the search.")] = 500,
+    seed: Annotated[int, typer.Option(callback=in_range(0, 2**32 - 1), help="Seed of the search.")] = 1,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the worst flight as a scenario here (.toml).")
     ] = None,
@@ -64,15 +58,18 @@ def worst_case(
     ] = False,
     limit: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Shrink it to the least that still gives this error [deg].", show_default=False),
+        typer.Option(
+            callback=in_range(0), help="Shrink it to the least that still gives this error [deg].", show_default=False
+        ),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Search a moment budget for the disturbance with the largest attitude error in the nonlinear simulation.
 
     The search covers sines, square waves, held moments and turbulence. It starts from the weak directions of the
     linear loop and at random. The result is a lower bound: the true worst case is at least as bad. For an upper
-    bound see `gustproof certify`.
+    bound see `gustproof certify box`.
 
         gustproof worst-case hinf-d1 -o worst.toml && gustproof fly worst.toml --law hinf-d1
 
@@ -80,18 +77,19 @@ def worst_case(
 
     Shrunk, it has fewer moments, axes, strength, digits and seconds, and is written beside the worst one:
 
-        gustproof worst-case --controller my_mpc.py:make --flights 200 --limit 10 -o worst.toml
+        gustproof worst-case my_mpc.py:make --flights 200 --limit 10 -o worst.toml
     """
     from pydantic_core import to_jsonable_python
 
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.falsify.worst_case import worst_case as search
-    from gustproof.model.uncertainty import Spreads
+    from gustproof.robust.lft.uncertainty import Spreads
+    from gustproof.studies.worst_case.moment_search import worst_case as search
 
     moment = parse_positive_vector("--moment", budget)
-    check_output(output, ".toml", "a scenario file")
+    for path in _files(output, smallest=shrink or limit is not None):
+        check_output(path, ".toml", "a scenario file")
     airframe = load_vehicle(vehicle)
-    flown = _find_pilot(law, controller, airframe)
+    flown = find_pilot(law, airframe)
     title = f"searching, {flown.name}"
     try:
         with progress(title, quiet=as_json) as shown:
@@ -126,7 +124,7 @@ def worst_case(
         print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
     _print_shrunk(smallest, limit)
-    option = f"--law {law}" if controller is None else f"--controller {shlex.quote(controller)}"
+    option = f"--{'controller' if is_entry(law) else 'law'} {shlex.quote(law)}"
     _print_how_to_fly(written, option, vehicle, found.seed)
 
 
@@ -138,10 +136,21 @@ def _print_how_to_fly(written: list[list[Path]], option: str, vehicle: str, seed
 
 
 def _find_warnings(found: "WorstCase", flown: "Pilot", airframe: "Vehicle") -> list[str]:
+    from gustproof.flight.routes.flight import warnings
     from gustproof.law.form import Law
-    from gustproof.simulate.flight import warnings
 
     return list(warnings(found.scenario, flown, airframe)) if isinstance(flown, Law) else []
+
+
+def _files(output: Path | None, *, smallest: bool) -> list[Path]:
+    """Return the files that may be written, those of the smallest flight beside those of the worst."""
+    if output is None:
+        return []
+    return [*flight_files(output), *(flight_files(_beside(output)) if smallest else ())]
+
+
+def _beside(output: Path) -> Path:
+    return output.with_name(f"{output.stem}-smallest.toml")
 
 
 def _save(
@@ -152,19 +161,8 @@ def _save(
         return []
     written = [save_flight(found.scenario, found.vehicle, airframe, output)]
     if smallest is not None:
-        beside = output.with_name(f"{output.stem}-smallest.toml")
-        written.append(save_flight(smallest.scenario, smallest.vehicle, airframe, beside))
+        written.append(save_flight(smallest.scenario, smallest.vehicle, airframe, _beside(output)))
     return written
-
-
-def _find_pilot(law: str | None, controller: str | None, airframe: "Vehicle") -> "Pilot":
-    from gustproof.entries.entry import parse_entry
-
-    if controller is not None and law is None:
-        return parse_entry(controller)
-    if law is not None and controller is None:
-        return find_law(law, airframe, None)
-    raise ConfigError("give a law, or --controller, and not both")
 
 
 def _shrink(
@@ -176,7 +174,7 @@ def _shrink(
     shown: Callable[[float, str], None],
 ) -> "SmallestCase | None":
     """Return the smallest flight that gives the error asked for; `None` if the worst one found gives less."""
-    from gustproof.falsify.shrink import shrink_case
+    from gustproof.studies.worst_case.shrink import shrink_case
 
     target = (_SHARE * found.peak_deg if math.isfinite(found.peak_deg) else 90.0) if limit is None else limit
     if not found.peak_deg >= target:

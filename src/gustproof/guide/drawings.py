@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,17 @@ from PIL import Image
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
-from gustproof.certify.boundedness import certify_boundedness
+from firmware_model.config.whole_file import whole_file
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.airframe.covariance import axis_models
+from gustproof.airframe.predict import predict
+from gustproof.airframe.tradeoff import linear_laws
+from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
-from gustproof.performance.covariance import axis_models
-from gustproof.performance.predict import predict
-from gustproof.performance.tradeoff import linear_laws
-from gustproof.recording.derived import angle_records
-from gustproof.report.figure_style import save_figure
-from gustproof.report.figures import save_histories
-from gustproof.report.laid_out import LaidOutFigure
-from gustproof.simulate.direct import fly_direct
+from gustproof.prove.boundedness import certify_boundedness
+from gustproof.show.report.figure_style import save_figure
+from gustproof.show.report.figures import save_histories
+from gustproof.show.report.laid_out import LaidOutFigure
 from gustproof.types import Array, Records
 
 WORST_MOMENT = Path(str(files("gustproof.guide"))) / "pictures" / "worst-moment.toml"
@@ -33,6 +35,8 @@ _NAMES = {_PAPER: "the paper's law (hinf-d1)", _OURS: "ours (flagship)"}
 _COLOURS = {_PAPER: "#0072b2", _OURS: "#882255"}
 PICTURES = ("turned-over", "gust", "gust-roll", "log", "tuned", "box", "cases", "autopilots", "coning")
 """Names of the pictures, in the order in which they are drawn."""
+OWN_AND_INSIDE = r"^\| (PX4|ArduPilot), (own loops|`flagship` inside)[^|]* \| (\.\d+) \| (\.\d+) \| ([\d.]+) \|"
+"""Rows of `autopilots.md` at equal slew and margins: autopilot, loops, both errors [deg] and slew [N*m/s]."""
 _AXES, _AXIS_COLOURS = ("roll", "pitch", "yaw"), ("#0072b2", "#d55e00", "#009e73")
 _FAIR, _PEAK_MS, _SLEWS = "pid-fair", 1.36, (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # [N*m/s]
 _PEAK_DEG, _BUDGET_NM, _MINUTE_S, _CASES = 1.0, (0.65, 0.65, 0.3), 60.0, 40
@@ -44,7 +48,7 @@ _CAMERA = np.array([[0.5, 0.866, 0.0], [0.25, -0.145, -0.957]])
 
 def draw_pictures(folder: Path) -> list[Path]:
     """Draw all pictures of the guide into a folder, which is made, and return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     vehicle = load_vehicle("paper")
     worst = fly_both(load_scenario(WORST_MOMENT), vehicle)
     gust, coning = (fly_both(load_scenario(name), vehicle) for name in ("gust-roll", "coning"))
@@ -68,7 +72,10 @@ def _shrink(file: Path) -> None:
     """Store a picture with few colours, a third of the bytes."""
     with Image.open(file) as picture:
         small = picture.convert("RGB").quantize(_TINTS)
-    small.save(file, optimize=True)
+    drawn = BytesIO()
+    small.save(drawn, format="png", optimize=True)
+    with whole_file(file, overwrite=True) as shrunk:
+        shrunk.write(drawn.getbuffer())
 
 
 def fly_both(scenario: Scenario, vehicle: Vehicle) -> dict[str, Records]:
@@ -96,7 +103,7 @@ def _draw_gust(records: Records, path: Path) -> None:
     time = records["time_us"] * 1e-6
     for axes, values, name in (
         (wind, records["gust_B"][:, 1], "gust from the left [m/s]"),
-        (roll, angle_records(records, None)["euler"][:, 0], "roll [deg]"),
+        (roll, np.degrees(euler_angles(records["q_NB"]))[:, 0], "roll [deg]"),
         (torque, records["torque_command_B"][:, 0], "roll torque [N m]"),
     ):
         axes.plot(time, values, color=_COLOURS[_OURS], linewidth=_LINE)
@@ -115,7 +122,7 @@ def _draw_gust_roll(flights: dict[str, Records], path: Path) -> None:
     """Draw the roll of both laws in the same gust."""
     figure, (axes,) = _new_panels(1)
     for law, records in flights.items():
-        roll = angle_records(records, None)["euler"][:, 0]
+        roll = np.degrees(euler_angles(records["q_NB"]))[:, 0]
         axes.plot(records["time_us"] * 1e-6, roll, color=_COLOURS[law], linewidth=_LINE, label=_NAMES[law])
     axes.set(xlabel="time [s]", ylabel="roll [deg]", xlim=(0.0, 6.0))
     _mark_limit(axes, _PEAK_DEG, "allowed")
@@ -125,7 +132,7 @@ def _draw_gust_roll(flights: dict[str, Records], path: Path) -> None:
 
 def _draw_log(vehicle: Vehicle, path: Path) -> None:
     """Draw the torques and rates of the flight that a vehicle is identified from."""
-    records = fly_direct(load_scenario("identify"), load_law(_OURS), vehicle=vehicle, seed=1)
+    records = fly_direct(load_scenario("doublets"), load_law(_OURS), vehicle=vehicle, seed=1)
     figure, (torque, rate) = _new_panels(2, sharex=True)
     for axis, (name, colour) in enumerate(zip(_AXES, _AXIS_COLOURS, strict=True)):
         for axes, values in ((torque, records["torque_command_B"]), (rate, records["gyro_B"])):
@@ -159,7 +166,7 @@ def _draw_box(records: Records, path: Path) -> None:
     bounds = [bound for bound in truth if bound is not None]
     figure, panels = _new_panels(3)
     kept = records[records["time_us"] <= _MINUTE_S * 1e6]
-    angles = angle_records(kept, None)["euler"]
+    angles = np.degrees(euler_angles(kept["q_NB"]))
     for axis, (axes, name, bound) in enumerate(zip(panels, _AXES, bounds, strict=True)):
         axes.plot(kept["time_us"] * 1e-6, angles[:, axis], color=_COLOURS[_OURS], linewidth=0.8)
         axes.set(xlabel="time [s]", ylabel=f"{name} [deg]", xlim=(0.0, _MINUTE_S), ylim=(-1.25 * bound, 1.25 * bound))
@@ -186,10 +193,10 @@ def _draw_cases(vehicle: Vehicle, path: Path) -> None:
 def _draw_autopilots(path: Path) -> None:
     """Draw the errors of real autopilots from the table of their page."""
     text = (files("gustproof.guide") / "autopilots.md").read_text(encoding="utf-8").partition("## Their loops")[0]
-    rows = re.findall(r"^\| (PX4|ArduPilot), (tuned|`flagship` inside) \| (\.\d+) \| \.\d+ \| ([\d.]+) \|", text, re.M)
+    rows = re.findall(OWN_AND_INSIDE, text, re.M)
     figure, panels = _new_panels(2, sharey=True)
     labels = [f"{name}, {which.replace('`', '')}" for name, which, *_ in rows]
-    for axes, column, name in ((panels[0], 2, "RMSE [deg]"), (panels[1], 3, "torque slew [N m/s]")):
+    for axes, column, name in ((panels[0], 2, "RMSE [deg]"), (panels[1], 4, "torque slew [N m/s]")):
         values = [float(row[column]) for row in rows]
         bars = axes.barh(labels, values, color=[_COLOURS[_OURS if "inside" in row[1] else _PAPER] for row in rows])
         axes.bar_label(bars, padding=3, fontsize=9)

@@ -13,9 +13,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording import journal
 from firmware_model.session.vehicle_endpoint import HEARTBEAT_US, VehicleEndpoint
-from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
-from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
-from gustproof.recording.definitions import (
+from gustproof.flight.recording.definitions import (
     ANGLES,
     COMMAND_AGE,
     FLIGHT,
@@ -25,8 +23,10 @@ from gustproof.recording.definitions import (
     definition,
     rotors_message,
 )
-from gustproof.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
-from gustproof.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
+from gustproof.flight.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
+from gustproof.flight.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
+from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
+from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
 
 _EDITORS = (
     "`gustproof guide --schemas DIR` writes these tables as JSON Schemas. An editor that knows TOML, such as VS Code "
@@ -183,7 +183,7 @@ def mavlink_messages() -> str:
         [
             "# MAVLink messages\n\nThe vehicle of `gustproof autopilot` and `gustproof fly` speaks MAVLink 2. "
             "[The protocol page](protocol.md) tells what a controller sends when. Parameters are listed by "
-            "`gustproof autopilot --params`.\n",
+            "`gustproof autopilot params`.\n",
             "## Messages that the vehicle sends\n",
             markdown_table(("message", "id", "interval by default", "fields"), sent),
             "## Messages that it reads\n",

@@ -22,8 +22,9 @@ from pydantic_core import core_schema
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.vehicle import Vehicle
-from gustproof.synthesis.designs import Design
-from gustproof.synthesis.inner_loops import InnerLoops
+from firmware_model.config.whole_file import write_files
+from gustproof.design.designs import Design
+from gustproof.design.inner_loops import InnerLoops
 
 Schema = dict[str, Any]
 KINDS: Mapping[str, type] = {"scenario": Scenario, "vehicle": Vehicle, "design": Design, "loops": InnerLoops}
@@ -100,12 +101,18 @@ def file_schema(kind: str) -> Schema:
 
 def write_schemas(folder: Path) -> list[Path]:
     """Write the schema of each kind of file to a folder, which is made, and return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for kind in KINDS:
-        written.append(folder / f"{kind}.schema.json")
-        written[-1].write_text(json.dumps(file_schema(kind), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return written
+    folder.mkdir(exist_ok=True)
+    texts = {
+        path: json.dumps(file_schema(kind), indent=2, ensure_ascii=False) + "\n"
+        for kind, path in zip(KINDS, schema_files(folder), strict=True)
+    }
+    write_files(texts)
+    return [*texts]
+
+
+def schema_files(folder: Path) -> list[Path]:
+    """Return the files that `write_schemas` writes."""
+    return [folder / f"{kind}.schema.json" for kind in KINDS]
 
 
 def _allow_spreads(schema: Schema) -> None:

@@ -6,12 +6,12 @@ Pages are Markdown, and so read well where they lie. Those of the reference are 
 import html
 import json
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
+from firmware_model.config.whole_file import write_folder
 from gustproof.guide import documents, reference
 from gustproof.guide.rendering import Section, render_markdown, term_anchor
 from gustproof.version import __version__
@@ -41,6 +41,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "matlab",
     ),
     "Background": ("laws", "vehicles", "theory", "limits", "glossary"),
+    "Inside": ("built", "extend", "checker"),
     "Reference": (
         "commands",
         "options",
@@ -101,22 +102,28 @@ def load_pages(options: str) -> list[Page]:
 
 
 def write_site(pages: Sequence[Page], folder: Path) -> None:
-    """Write the site of the pages to a folder, which is made."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write the site of the pages to a new folder, whole or not at all."""
+    write_folder(folder, render_site(pages))
+
+
+def render_site(pages: Sequence[Page]) -> dict[str, str | bytes]:
+    """Return the contents of the site's files by name."""
+    site: dict[str, str | bytes] = {}
     for kind in ("pictures", "assets"):
         for file in sorted((GUIDE / kind).iterdir()):
             if file.suffix in {".png", ".svg", ".css", ".js"}:
-                shutil.copyfile(file, folder / file.name)
+                site[file.name] = file.read_bytes()
     index = []
     terms = list_terms(next((page.markdown for page in pages if page.name == _GLOSSARY), ""))
     for page in pages:
         body, sections = render_markdown(page.markdown, {} if page.name == _GLOSSARY else terms)
         if page.name == _GLOSSARY:
             body = re.sub("<strong>(.+?)</strong>", lambda m: f'<strong id="{term_anchor(m[1])}">{m[1]}</strong>', body)
-        (folder / f"{page.name}.html").write_text(_render_page(page, pages, body, sections), encoding="utf-8")
+        site[f"{page.name}.html"] = _render_page(page, pages, body, sections)
         index += [(page.name, each.anchor, page.title, each.title, each.text) for each in sections]
     words = json.dumps(index, ensure_ascii=False, separators=(",", ":"))
-    (folder / "search.js").write_text(f"guideIndex({words});\n", encoding="utf-8")
+    site["search.js"] = f"guideIndex({words});\n"
+    return site
 
 
 def list_terms(glossary: str) -> dict[str, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.form import Law, Matrix, Output, Provenance, RateLimit
-from gustproof.lti.state_space import Lti
+from gustproof.robust.lti.state_space import Lti
 
 _AXES = ("roll", "pitch", "yaw")
 

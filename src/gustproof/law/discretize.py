@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit, Schedule
-from gustproof.lti.bilinear import tustin
-from gustproof.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
-from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import RealBlock
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lft.uncertainty import RealBlock
+from gustproof.robust.lti.bilinear import tustin
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
 
 TANGENTS = {"t": "phi", "v": "theta"}
-"""Angle by the name of the tangent of its half, as in `gustproof.model.rotational`."""
+"""Angle by the name of the tangent of its half, as in `gustproof.airframe.rotational`."""
 
 
 def central_law(
@@ -30,8 +30,8 @@ def central_law(
     With `scheduled`, the estimate's kinematics `E' = omega` become `E' = T(E) omega`. At level attitude the law equals
     the linear one exactly.
 
-    A `K` with the parameters t, v, p, q, r of `gustproof.model.rotational` keeps them as a schedule. It may be closed
-    by constant parameters before or after sampling: the law is the same.
+    A `K` with the parameters t, v, p, q, r of `gustproof.airframe.rotational` keeps them as a schedule. It may be
+    closed by constant parameters before or after sampling: the law is the same.
 
     `H` is 0. Measurements alone drive a central controller, so a stable one (all shipped ones are) cannot wind up. Its
     estimate expects a worst-case disturbance that only the full command opposes. Feeding back the saturated command

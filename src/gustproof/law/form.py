@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from firmware_model.config.files import checked_name, list_shipped, parse_json, read_text, shipped_path, write_text
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.errors import LawFileError
 from gustproof.types import readonly_copy
 
 LAWS = Path(__file__).parent / "data"
@@ -48,6 +47,10 @@ ANGLES, BODY_RATES = ("phi", "theta"), ("p", "q", "r")
 """Parameters of a schedule: estimated angles [rad], measured rates [rad/s] B."""
 
 Matrix = NDArray[np.float64]
+
+
+class LawFileError(ConfigError):
+    """A law file is wrong; the text is one line: file, key, allowed values."""
 
 
 class Output(Enum):

@@ -13,8 +13,8 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Matrix, RateLimit
-from gustproof.lti.bilinear import tustin
-from gustproof.lti.state_space import Lti
+from gustproof.robust.lti.bilinear import tustin
+from gustproof.robust.lti.state_space import Lti
 
 _TOLERANCE = 1e-9
 """[-] relative distance from the strapdown form that counts as rounding."""

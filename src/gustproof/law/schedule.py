@@ -10,9 +10,9 @@ import numpy as np
 from gustproof.law.discretize import TANGENTS
 from gustproof.law.form import ANGLES, GYRO_REFERENCE_SIZE, Law, Schedule
 from gustproof.law.resample import continuous_origin
-from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import RealBlock
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lft.uncertainty import RealBlock
+from gustproof.robust.lti.state_space import Lti
 
 _NAMES = {angle: tangent for tangent, angle in TANGENTS.items()}
 

@@ -159,7 +159,7 @@ def euler_rates(E: Any, omega: Any) -> tuple[float, float, float]:
 
 @kernel
 def turn_steep(E: Any, omega: Any, rates: Any, dt: float, after: Any) -> tuple[float, float, float]:
-    """Return `after` [rad], the next attitude of a law with kinematics, with those of a steep pitch put right.
+    """Return the next attitude [rad]; beyond `STEEP`, replace the Euler update `after` by the exact rotation.
 
     Near the vertical Euler rates change much within a sample. So beyond `STEEP` the angles that a turn at `omega`
     [rad/s] for `dt` [s] makes of `E` take the place of `E + dt rates`. The turn is Cayley's, short by `(|omega| dt)^3 /
@@ -311,7 +311,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
 def is_cold() -> bool:
     """Return whether the first step of a law still has to be compiled, once after an installation."""
     found = find_cache(_step_packed)
-    return found is not None and not found[1]
+    return found is not None and not found.warm
 
 
 class LawStepper:

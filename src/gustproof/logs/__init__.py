@@ -1,1 +1,1 @@
-"""Flight logs of autopilots and of our own, read into one form."""
+"""Flight logs: read them, identify a vehicle from them."""

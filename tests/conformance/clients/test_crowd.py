@@ -89,7 +89,7 @@ def test_ten_seconds_without_a_gap_and_each_sample_once(stand, programs):
         vehicle = stack.enter_context(stand("--held", "--air", "paper-turbulence"))
         relay = stack.enter_context(Relay(vehicle.off_board_door))
         controller = stack.enter_context(
-            running("-m gustproof.controller", "--law", "hinf-d1", "--connect", relay.address, "--json")
+            running("-m gustproof.flight.endpoint", "--law", "hinf-d1", "--connect", relay.address, "--json")
         )
         wait_until(lambda: any(frame.message_id == IMU for _, frame in relay.frames))
         stations = [

@@ -64,7 +64,7 @@ def test_attitudes_and_rates_are_flown_off_board_and_given_back(vehicle, run_pro
     facts = run_program(PROGRAM, "fly_off_board", vehicle.off_board, timeout_s=150.0)
     without_setpoint, asked_anyway = facts["without"]
     assert without_setpoint == "NO_SETPOINT_SET"
-    assert asked_anyway == {"result": DENIED_NOW, "said": "OFFBOARD rejected: no set-points"}
+    assert asked_anyway == {"result": DENIED_NOW, "said": "OFFBOARD rejected: no usable set-points"}
     assert facts["rolled_deg"] == pytest.approx(10.0, abs=2.0)
     assert facts["yaw_rate_deg"] == pytest.approx(30.0, abs=3.0)
     assert facts["roll_rate_deg"] == pytest.approx(0.0, abs=3.0)

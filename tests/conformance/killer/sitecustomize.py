@@ -18,7 +18,7 @@ if "KILL" in os.environ and "firmware_model" in sys.orig_argv:
     def _kill(victim: str) -> None:
         fly = psutil.Process(os.getppid())
         if victim == "controller":
-            (controller,) = [child for child in fly.children() if "gustproof.controller" in child.cmdline()]
+            (controller,) = [child for child in fly.children() if "gustproof.flight.endpoint" in child.cmdline()]
             controller.kill()
         else:
             os.kill({"fly": fly.pid, "vehicle": os.getpid()}[victim], signal.SIGKILL)

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from gustproof.certify.boundedness import certify_boundedness
-from gustproof.certify.certificate import Certificate
-from gustproof.certify.gain import l2_gain
 from gustproof.cli.app import app
+from gustproof.design import fixed_order, methods
+from gustproof.design.derive import derive
+from gustproof.design.designs import load_design
 from gustproof.errors import DesignError
 from gustproof.law.form import load_law
-from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain
-from gustproof.synthesis import methods
-from gustproof.synthesis.checked_controller import CheckedController
-from gustproof.synthesis.derive import derive
-from gustproof.synthesis.designs import load_design
-from gustproof.synthesis.lpv.lpvsyn import LftController
-from gustproof.synthesis.structured import fixed_order
+from gustproof.prove import attitude_gain
+from gustproof.prove.boundedness import certify_boundedness
+from gustproof.robust.gain import lft_gain
+from gustproof.robust.gain.certificate import Certificate
+from gustproof.robust.hinf.checked_controller import CheckedController
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lpv.lpvsyn import LftController
+from gustproof.robust.lti.state_space import Lti
 
 
 def run(*arguments: str):
@@ -39,7 +39,7 @@ def told(*arguments: str) -> dict[str, Any]:
 @pytest.mark.slow
 def test_a_shaped_law_crosses_where_asked_with_the_margin_told_and_its_flight_is_proven(tmp_path: Path):
     path = tmp_path / "shaped.json"
-    figures = told("D2", "--method", "ncfsyn", "--crossover", "15", "-o", str(path))
+    figures = told("ncfsyn", "D2", "--crossover", "15", "-o", str(path))
     assert (figures["method"], figures["law"], figures["gamma_opt"]) == ("ncfsyn", "D2-ncfsyn", None)
     assert figures["norm"] <= figures["gamma"]
     assert sum("a margin of" in check for check in figures["checks"]) == 3
@@ -53,10 +53,10 @@ def test_a_shaped_law_crosses_where_asked_with_the_margin_told_and_its_flight_is
 
 
 def test_the_law_of_least_rms_has_its_checks_and_no_frequency():
-    result = run("D2", "--method", "h2syn")
+    result = run("h2syn", "D2")
     assert result.exit_code == 0
     assert "checked" in result.stdout
-    figures = told("D2", "--method", "h2syn")
+    figures = told("h2syn", "D2")
     assert figures["norm_omega_rad_s"] is None
     central = derive(load_design("D2"))[1]
     assert figures["sampled"]["input"]["roll"]["Ms"] != pytest.approx(central.sampled.input[0].Ms, rel=1e-3)
@@ -72,7 +72,7 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
 
     monkeypatch.setattr(methods, "musyn", musyn)
     monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: CERTIFICATE)
-    figures = told("D2", "--method", "musyn", "--angle-rad", "0.3", "--rate-rad-s", "0.5")
+    figures = told("musyn", "D2", "--angle-rad", "0.3", "--rate-rad-s", "0.5")
     assert (asked["measure"], asked["sizes"]) == ("l2gain", (3, 3))
     assert sorted(asked["blocks"]) == ["q", "r", "t", "v"]
     assert figures["checks"] == ["stable", "proven exactly: the gain is below 3"]
@@ -118,9 +118,9 @@ def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the
         return CERTIFICATE
 
     monkeypatch.setattr(methods, "certify_lft", certify_lft)
-    monkeypatch.setattr(l2_gain, "certify_lft", certify_lft)
+    monkeypatch.setattr(attitude_gain, "certify_lft", certify_lft)
     path, envelope = tmp_path / "turned.json", ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
-    figures = told("D2", "--method", "lpv", *envelope, "--backoff", "1.1", "-o", str(path))
+    figures = told("lpv", "D2", *envelope, "--backoff", "1.1", "-o", str(path))
     assert (scheduled["backoff"], scheduled["sizes"]) == (1.1, (3, 3))
     assert sorted(scheduled["blocks"]) == ["q", "r", "t", "v"]
     assert figures["checks"] == ["proven exactly: the gain is below 3"]
@@ -129,19 +129,19 @@ def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the
     assert law.schedule is not None
     assert (law.schedule.parameters, law.schedule.limits.tolist()) == (("q",), [0.05])
     assert law.rate_limit is not None
-    certified = CliRunner().invoke(app, ["certify", str(path), "--angle-rad", "0.005", "--rate-rad-s", "0.025"])
+    certified = CliRunner().invoke(app, ["certify", "gain", str(path), "--angle-rad", "0.005", "--rate-rad-s", "0.025"])
     assert certified.exit_code == 0, certified.output
     designed, read = loops
     for delta in designed.samples(2, 1):
-        half = {name: (2.0 if name in "qr" else 1.0) * value for name, value in delta.items()}
-        whole = {name: value for name, value in delta.items() if name in "qr"}
-        own, other = designed.substitute(whole), read.substitute({name: half[name] for name in whole})
+        rates = {name: 0.5 * value for name, value in delta.items() if name in "qr"}  # within the envelope of both
+        own = designed.substitute(rates)
+        other = read.substitute({name: 2.0 * value for name, value in rates.items()})
         np.testing.assert_allclose(other.response([0.5, 20.0]), own.response([0.5, 20.0]), rtol=1e-6, atol=1e-9)
     for options, words in (
-        (("--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
-        ((), "is scheduled on attitude and rates, the proof is about laws without schedule"),
+        (("gain", "--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),
+        (("box",), "is scheduled on attitude and rates, the proof is about laws without schedule"),
     ):
-        refused = CliRunner().invoke(app, ["certify", str(path), *options])
+        refused = CliRunner().invoke(app, ["certify", options[0], str(path), *options[1:]])
         assert refused.exit_code == 2, refused.output
         assert words in refused.output
 
@@ -151,23 +151,22 @@ def test_the_gain_of_a_law_file_is_checked_of_that_file_and_of_no_other(
     scheduled: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
     monkeypatch.setattr(methods, "certify_lft", lambda *_, **__: CERTIFICATE)
-    monkeypatch.setattr(l2_gain, "lower_bound", lambda *_: 0.2)
+    monkeypatch.setattr(lft_gain, "lower_bound", lambda *_: 0.2)
     path, envelope = tmp_path / "turned.json", ("--angle-rad", "0.01", "--rate-rad-s", "0.05")
-    told("D2", "--method", "lpv", *envelope, "-o", str(path))
+    told("lpv", "D2", *envelope, "-o", str(path))
     law, other, proof = load_law(path), tmp_path / "other.json", tmp_path / "proof.json"
     replace(law, B=(1.0 + 1e-4) * law.B).save(other)
 
-    def verdict(name: Path, *options: str) -> tuple[int, dict[str, Any]]:
-        arguments = ["certify", str(name), *envelope, *options, "--json"]
-        done = CliRunner().invoke(app, arguments)
+    def verdict(*words: str) -> tuple[int, dict[str, Any]]:
+        done = CliRunner().invoke(app, ["certify", *words, *envelope, "--json"])
         return done.exit_code, json.loads(done.stdout)
 
-    status, certified = verdict(path, "-o", str(proof))
+    status, certified = verdict("gain", str(path), "-o", str(proof))
     assert (status, certified["proven"]) == (0, True)
-    status, checked = verdict(path, "--check", str(proof))
+    status, checked = verdict("check", str(proof), "--design", str(path))
     assert (status, checked["gain"], checked["lower_bound"]) == (0, certified["gain"], 0.2)
     assert "derived from the law's file and its design" in checked["assumes"]["plant"]
-    status, refused = verdict(other, "--check", str(proof))
+    status, refused = verdict("check", str(proof), "--design", str(other))
     assert (status, refused["reason"]) == (1, "the matrix inequality does not hold")
 
 
@@ -178,7 +177,7 @@ def test_a_gain_is_of_a_law_file_with_a_schedule_from_a_shipped_design(make_law:
     ):
         named = replace(law, provenance=replace(law.provenance, design="mine: own weights"))
         named.save(tmp_path / "law.json")
-        arguments = ["certify", str(tmp_path / "law.json"), "--angle-rad", "0.1", "--rate-rad-s", "0.1"]
+        arguments = ["certify", "gain", str(tmp_path / "law.json"), "--angle-rad", "0.1", "--rate-rad-s", "0.1"]
         refused = CliRunner().invoke(app, arguments)
         assert refused.exit_code == 2
         assert words in refused.output
@@ -192,7 +191,7 @@ def test_hinfstruct_is_asked_for_the_decay_and_the_size(monkeypatch: pytest.Monk
         raise DesignError("no more is asked")
 
     monkeypatch.setattr(fixed_order, "hinfstruct", hinfstruct)
-    refused = run("D1", "--method", "hinfstruct", "--order", "3", "--decay", "0.02", "--max-gain", "9")
+    refused = run("hinfstruct", "D1", "3", "--keep", "decay=0.02, max-gain=9")
     assert (refused.exit_code, refused.output) == (2, "gustproof: no more is asked\n")
     decay, size = asked
     assert (decay.minimum, size.limit, size.entries) == (0.02, 9.0, False)
@@ -201,23 +200,24 @@ def test_hinfstruct_is_asked_for_the_decay_and_the_size(monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("D2", "--method", "lpv"), "--method lpv needs --angle-rad and --rate-rad-s"),
-        (("R1", "--method", "lpv", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
-        (("D2", "--method", "hinfstruct", "--order", "3", "--decay", "0"), "--decay: is 0.0, must be positive"),
-        (("D2", "--method", "hinfstruct", "--order", "3", "--max-gain", "inf"), "--max-gain: is inf, must be positive"),
-        (("D2", "--decay", "1"), "--decay cannot be given with it"),
-        (("D2", "--method", "ncfsyn", "--order", "3"), "--order cannot be given with it"),
-        (("D2", "--method", "h2syn", "--gamma", "1"), "--gamma cannot be given with it"),
-        (("D2", "--method", "musyn", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
-        (("D2", "--method", "musyn"), "needs --angle-rad and --rate-rad-s"),
-        (("D2", "--method", "musyn", "--angle-rad", "2", "--rate-rad-s", "1"), "below pi/2"),
-        (("D2", "--angle-rad", "0.1"), "--angle-rad cannot be given with it"),
-        (("D2", "--method", "hinfstruct"), "needs --order"),
-        (("D2", "--method", "ncfsyn", "--crossover", "0"), "--crossover: is 0.0, must be positive"),
-        (("R1", "--method", "ncfsyn"), "shapes the loop from torque to gyro"),
-        (("R1", "--method", "musyn", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
-        (("D2", "--method", "ncfsyn", "--crossover", "300"), "one sample late"),
-        (("D2", "--method", "systune"), "systune"),
+        (("lpv", "D2"), "Missing option '--angle-rad'"),
+        (("lpv", "R1", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
+        (("hinfstruct", "D2", "3", "--keep", "decay=0"), "--keep: decay is '0', must be a positive number"),
+        (("hinfstruct", "D2", "3", "--keep", "max-gain=inf"), "--keep: max-gain is 'inf', must be"),
+        (("hinfstruct", "D2", "3", "--keep", "decay=1, decay=2"), "'decay=2' is not one decay=D or max-gain=K"),
+        (("hinfstruct", "D2", "3", "--keep", "gain"), "'gain' is not one"),
+        (("hinfsyn", "D2", "--keep", "decay=1"), "No such option"),
+        (("h2syn", "D2", "--gamma", "1"), "No such option"),
+        (("musyn", "D2", "--angle-rad", "0.1"), "Missing option '--rate-rad-s'"),
+        (("hinfstruct", "D2", "3", "--angle-rad", "0.1"), "--angle-rad and --rate-rad-s go together"),
+        (("D2", "--gamma", "1"), "'D2' is none of hinfsyn, h2syn, hinfstruct, ncfsyn, musyn, lpv, list, show"),
+        (("musyn", "D2", "--angle-rad", "2", "--rate-rad-s", "1"), "below pi/2"),
+        (("hinfstruct", "D2"), "Missing argument 'order'"),
+        (("ncfsyn", "D2", "--crossover", "0"), "--crossover: is 0.0, must be positive"),
+        (("ncfsyn", "R1"), "shapes the loop from torque to gyro"),
+        (("musyn", "R1", "--angle-rad", "0.1", "--rate-rad-s", "1"), "torque designs only"),
+        (("ncfsyn", "D2", "--crossover", "300"), "one sample late"),
+        (("systune", "D2"), "systune"),
     ],
 )
 def test_an_option_that_a_method_does_not_take_is_refused(arguments, words):

@@ -7,16 +7,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from firmware_model.numerics.kept_code import KeptCode
 from firmware_model.process import realtime, udp
 from firmware_model.sim import vehicle_loop
 from gustproof.cli import options
 from gustproof.cli.app import app
 from gustproof.cli.options import progress, working
+from gustproof.flight.routes import checkup
+from gustproof.flight.routes.checkup import Check, Status, check_folder, check_port, check_real_time
 from gustproof.law import step
-from gustproof.simulate import checkup
-from gustproof.simulate.checkup import Check, Status, check_folder, check_port, check_real_time
-
-pytestmark = pytest.mark.plain
 
 
 def doctor(monkeypatch, *checks: Check, options: tuple[str, ...] = ()):
@@ -29,10 +28,11 @@ def test_each_line_has_its_status_and_a_remedy(monkeypatch):
     warning = Check("ports", Status.WARNING, "taken", "free it")
     result = doctor(monkeypatch, Check("versions", Status.OK, "all there"), warning)
     assert result.exit_code == 0
-    first, second, third = result.stdout.splitlines()
+    first, second, third, last = result.stdout.splitlines()
     assert first.split() == ["OK", "versions", "all", "there"]
     assert second.split() == ["warning", "ports", "taken"]
     assert third.split() == ["do:", "free", "it"]
+    assert last == "next: gustproof fly gust-roll"
 
 
 def test_a_fault_has_status_1_and_json_its_name(monkeypatch):
@@ -82,12 +82,19 @@ def test_refused_real_time_is_a_warning(monkeypatch):
 
 
 def test_without_machine_code_the_cache_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(checkup, "find_damaged", list)
     monkeypatch.setattr(checkup, "find_cache", lambda _: None)
     assert "NUMBA_CACHE_DIR" in checkup.check_cache().advice
-    monkeypatch.setattr(checkup, "find_cache", lambda _: (tmp_path / "new", False))
+    monkeypatch.setattr(checkup, "find_cache", lambda _: KeptCode(tmp_path / "new", False, False))
     assert checkup.check_cache().found.endswith("cold, so the first flight compiles")
-    monkeypatch.setattr(checkup, "find_cache", lambda _: (tmp_path, True))
+    monkeypatch.setattr(checkup, "find_cache", lambda _: KeptCode(tmp_path, True, True))
+    assert (checkup.check_cache().status, "temporary" in checkup.check_cache().found) == (Status.WARNING, True)
+    assert "set NUMBA_CACHE_DIR" in checkup.describe_temporary_cache()
+    monkeypatch.setattr(checkup, "find_cache", lambda _: KeptCode(tmp_path, True, False))
     assert checkup.check_cache().found == f"{tmp_path}: warm"
+    assert checkup.describe_temporary_cache() == ""
+    monkeypatch.setattr(checkup, "find_damaged", lambda: [tmp_path / "x.nbi", tmp_path / "y.nbc"])
+    assert "x.nbi: damaged, or written by others" in checkup.check_cache().found
     monkeypatch.setattr(checkup.os, "access", lambda *_: False)
     assert checkup.check_cache().status is Status.WARNING
 
@@ -144,7 +151,9 @@ def test_short_work_is_silent(capsys):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(("found", "cold"), [(None, False), ((Path(), True), False), ((Path(), False), True)])
+@pytest.mark.parametrize(
+    ("found", "cold"), [(None, False), (KeptCode(Path(), True, False), False), (KeptCode(Path(), False, False), True)]
+)
 def test_what_is_compiled_first_is_told(found, cold, monkeypatch):
     monkeypatch.setattr(step, "find_cache", lambda _: found)
     monkeypatch.setattr(vehicle_loop, "find_cache", lambda _: found)

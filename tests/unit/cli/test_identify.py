@@ -10,14 +10,12 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.identification import identify as identification
-from gustproof.identification.identify import identify
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
-from gustproof.recording.bag import write_bag
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import FlightPlan
-
-pytestmark = pytest.mark.compiled
+from gustproof.logs.identify import identify_vehicle as identification
+from gustproof.logs.identify.identify_vehicle import identify
 
 IRIS = load_vehicle("iris")
 LAW = "pid-fair"
@@ -45,7 +43,7 @@ def record(folder, name):
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     """The manoeuvre for identification, as a bag."""
-    return record(tmp_path_factory.mktemp("flights"), "identify")
+    return record(tmp_path_factory.mktemp("flights"), "doublets")
 
 
 @pytest.fixture(scope="module")

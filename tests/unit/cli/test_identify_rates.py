@@ -1,4 +1,4 @@
-"""`gustproof identify-rates` from the records of an excitation to the file of the loops."""
+"""`gustproof identify --connect` from the records of an excitation to the file of the loops."""
 
 from pathlib import Path
 
@@ -7,11 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 from gustproof.cli.app import app
-from gustproof.controller import excitation
-from gustproof.controller.excitation import DT, OMEGA, AxisRecord
-from gustproof.synthesis.inner_loops import load_inner_loops
+from gustproof.design.inner_loops import load_inner_loops
+from gustproof.flight.endpoint import excitation
+from gustproof.flight.endpoint.excitation import DT, OMEGA, AxisRecord
 
-pytestmark = pytest.mark.plain
 TIME = DT * np.arange(5000)
 
 
@@ -29,7 +28,7 @@ def test_resonant_loop_is_named_with_the_speed_of_a_law_over_it(
     records = answer(20.0, 0.6), answer(18.0, 0.6), answer(8.0, 0.06)
     monkeypatch.setattr(excitation, "fly_excitation", lambda *_, **__: records)
     path = tmp_path / "loops.toml"
-    told = CliRunner().invoke(app, ["identify-rates", "-o", str(path)]).output
+    told = CliRunner().invoke(app, ["identify", "--connect", "127.0.0.1:14580", "-o", str(path)]).output
     assert "roll   20.0 rad/s, damping 0.60, delay 0 ms, misfit 0.00\npitch  18.0 rad/s" in told
     assert (
         "damping 0.06, delay 0 ms, misfit 0.00\nyaw resonates 8.3 times: a law over it crosses 1 at 0.24 rad/s" in told

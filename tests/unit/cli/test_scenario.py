@@ -8,10 +8,10 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import SCENARIOS, Scenario, list_scenarios
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import Flight
+from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import load_law
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import Flight
-from gustproof.simulate.outcome import FlightOutcome
 
 HEAD = 'description = "x"\nduration_s = 1.0\n'
 LEVEL = '[[require]]\nmetric = "peak_deg"\nat_most = 5.0\n'
@@ -99,14 +99,13 @@ def flown(tmp_path, monkeypatch, second):
                 journal=out / "journal",
             )
 
-        monkeypatch.setattr("gustproof.simulate.recorder.fly_plan", fly)
+        monkeypatch.setattr("gustproof.flight.routes.recorder.fly_plan", fly)
         (tmp_path / "mine.toml").write_text(text)
         return run("fly", str(tmp_path / "mine.toml"), "--law", "hinf-d1", "--output", str(tmp_path / "out"), *options)
 
     return run_it
 
 
-@pytest.mark.compiled
 def test_a_flight_that_keeps_what_is_required_ends_with_0_and_says_by_what_margin(flown):
     result = flown(HEAD + LEVEL)
     assert result.exit_code == 0

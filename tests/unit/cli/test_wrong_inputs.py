@@ -11,8 +11,6 @@ from typer.testing import CliRunner
 from gustproof.cli.app import app
 from gustproof.law.form import load_law
 
-pytestmark = pytest.mark.plain
-
 WRONG = """
 fly
 fly nowhere
@@ -59,15 +57,15 @@ fly paper --controller none.so
 fly paper --controller 'exec:'
 fly paper --controller 'exec: "'
 fly paper --law hinf-d1 --controller empty.py:make
-fly --repeat nowhere
-fly --repeat folder
-fly --repeat paper.toml
-fly paper --repeat folder
-fly --run nowhere.parquet:3
-fly --run text.parquet:3
-fly --run text.parquet
-fly --run text.parquet:-1
-fly --run :::
+replay nowhere
+replay folder
+replay paper.toml
+replay
+campaign rerun nowhere.parquet:3
+campaign rerun text.parquet:3
+campaign rerun text.parquet
+campaign rerun text.parquet:-1
+campaign rerun :::
 fly bom.toml --law hinf-d1
 fly latin.toml --law hinf-d1
 fly table.toml --law hinf-d1
@@ -102,27 +100,26 @@ law list extra
 vehicle show nowhere
 vehicle show plate.toml
 vehicle show paper.toml
-design
-design D99
-design D1 --gamma 0
-design D1 --gamma -1
-design D1 --gamma nan
-design D1 --gamma inf
-design D1 --gamma 1e-9
-design D1 --backoff 1
-design D1 --backoff nan
-design D1 --gamma 1 --backoff 2
-design D1 --order 3
-design D1 --method hinfstruct
-design D1 --method nothing
-design D1 --method hinfstruct --order 0
-design D1 --method hinfstruct --order -3
-design D1 --method hinfstruct --order 4
-design D1 -o x.txt
-design D1 -o nowhere/x.json
-design D1 --vehicle bike
-design R1 --inner none.toml
-design R1 --inner empty.toml
+design hinfsyn D99
+design hinfsyn D1 --gamma 0
+design hinfsyn D1 --gamma -1
+design hinfsyn D1 --gamma nan
+design hinfsyn D1 --gamma inf
+design hinfsyn D1 --gamma 1e-9
+design hinfsyn D1 --backoff 1
+design hinfsyn D1 --backoff nan
+design hinfsyn D1 --gamma 1 --backoff 2
+design hinfsyn D1 --order 3
+design hinfstruct D1
+design nothing D1
+design hinfstruct D1 0
+design hinfstruct D1 -3
+design hinfstruct D1 4
+design hinfsyn D1 -o x.txt
+design hinfsyn D1 -o nowhere/x.json
+design hinfsyn D1 --vehicle bike
+design hinfsyn R1 --inner none.toml
+design hinfsyn R1 --inner empty.toml
 design empty.toml
 design nan.toml
 analyse
@@ -132,30 +129,30 @@ analyse hinf-d1 --scenario nowhere
 analyse hinf-d1 -o x.pdfx
 analyse hinf-d1 --seed -3
 analyse broken.json
-certify
-certify nothing
-certify hinf-d2 --angle-rad nan --rate-rad-s 1
-certify hinf-d2 --angle-rad -1 --rate-rad-s 1
-certify hinf-d2 --angle-rad 1
-certify hinf-d2 --angle-rad 9 --rate-rad-s 1
-certify hinf-rates --angle-rad .1 --rate-rad-s .5
-certify pid-fair --angle-rad .1 --rate-rad-s .5
-certify hinf-d2 --moment x
-certify hinf-d2 --moment 1,2
-certify hinf-d2 --moment nan,1,1
-certify hinf-d2 --horizon 1e9
-certify hinf-d2 --horizon nan
-certify hinf-d2 --horizon -1
-certify hinf-d2 --moment-class some
-certify --check none.json
-certify --check broken.json
-certify --check empty.json
-certify --check deep.json
-certify --check folder
-certify hinf-d1 --air nowhere
-certify hinf-d1 --air paper-turbulence --risk 2
-certify hinf-d1 --air paper-turbulence --risk nan
-certify unstable.json --horizon 10
+certify box
+certify box nothing
+certify gain hinf-d2 --angle-rad nan --rate-rad-s 1
+certify gain hinf-d2 --angle-rad -1 --rate-rad-s 1
+certify gain hinf-d2 --angle-rad 1
+certify gain hinf-d2 --angle-rad 9 --rate-rad-s 1
+certify gain hinf-rates --angle-rad .1 --rate-rad-s .5
+certify gain pid-fair --angle-rad .1 --rate-rad-s .5
+certify box hinf-d2 --moment x
+certify box hinf-d2 --moment 1,2
+certify box hinf-d2 --moment nan,1,1
+certify box hinf-d2 --horizon 1e9
+certify box hinf-d2 --horizon nan
+certify box hinf-d2 --horizon -1
+certify box hinf-d2 --moment-class some
+certify check none.json
+certify check broken.json
+certify check empty.json
+certify check deep.json
+certify check folder
+certify air hinf-d1 nowhere
+certify air hinf-d1 paper-turbulence --risk 2
+certify air hinf-d1 paper-turbulence --risk nan
+certify box unstable.json --horizon 10
 worst-case
 worst-case nothing
 worst-case hinf-d1 --moment 0,0,0
@@ -168,25 +165,29 @@ worst-case hinf-d1 --horizon nan
 worst-case hinf-d1 --limit nan
 worst-case hinf-d1 -o x.json
 worst-case unstable.json --flights 10 --horizon 1
-campaign
-campaign paper
-campaign nowhere -o x.parquet
-campaign paper -o x.csv
-campaign paper -o x.parquet --runs 0
-campaign paper -o x.parquet --runs -3
-campaign paper -o x.parquet --runs x
-campaign paper -o x.parquet --spread wind
-campaign paper -o x.parquet --sampling grid
-campaign paper -o x.parquet --workers 0
-campaign paper -o text.parquet --law hinf-d1
-campaign paper -o x.parquet --law nothing
-campaign paper -o x.parquet --law hinf-d1 --executor nothing
-campaign paper -o x.parquet --law hinf-d1 --gust-spread nan
-campaign paper -o x.parquet --law hinf-d1 --rare 'peak > 1'
-campaign paper -o x.toml --law hinf-d1 --rare 'peak_deg > nan'
-campaign paper -o x.toml --law hinf-d1 --rare 'peak_deg'
-campaign paper -o x.parquet --law hinf-d1 --controller 'exec: true'
-campaign paper -o nowhere/x.parquet --law hinf-d1
+campaign fly
+campaign fly paper
+campaign fly nowhere -o x.parquet
+campaign fly paper -o x.csv
+campaign fly paper -o x.parquet --runs 0
+campaign fly paper -o x.parquet --runs -3
+campaign fly paper -o x.parquet --runs x
+campaign fly paper -o x.parquet --spread wind
+campaign fly paper -o x.parquet --sampling grid
+campaign fly paper -o x.parquet --workers 0
+campaign fly paper -o text.parquet --law hinf-d1
+campaign fly paper -o x.parquet --law nothing
+campaign fly paper -o x.parquet --law hinf-d1 --workers nothing
+campaign fly paper -o x.parquet --law hinf-d1 --spread gust=nan
+campaign fly paper -o x.parquet --law hinf-d1 --spread gust=2
+campaign fly paper -o x.parquet --law hinf-d1 --spread attitude=x
+campaign fly paper -o x.parquet --law hinf-d1 --spread gyro=1
+campaign fly paper -o x.parquet --law hinf-d1 --figures x.txt
+campaign rare paper 'peak > 1' --law hinf-d1
+campaign rare paper 'peak_deg > nan' --law hinf-d1
+campaign rare paper 'peak_deg' --law hinf-d1
+campaign fly paper -o x.parquet --law hinf-d1 --controller 'exec: true'
+campaign fly paper -o nowhere/x.parquet --law hinf-d1
 compare nowhere --autopilot px4
 compare paper --autopilot px5
 report
@@ -196,20 +197,17 @@ report text.parquet
 report folder -o x.txt
 report text.parquet folder
 report short.mcap
-recover nowhere
-recover folder
-recover text.bin
 export
-export nothing --c x.c
+export nothing -o x.c
 export hinf-d1
-export hinf-d1 --c x.txt
-export hinf-d1 --c nowhere/x.c
-export hinf-d1 --c x.c --rate 0
-export hinf-d1 --c x.c --rate -5
-export hinf-d1 --c x.c --attitude theirs
+export hinf-d1 -o x.txt
+export hinf-d1 -o nowhere/x.c
+export hinf-d1 -o x.c --rate 0
+export hinf-d1 -o x.c --rate -5
+export hinf-d1 -o x.c --attitude theirs
 export hinf-d1 --px4 folder
-export K.mat --law x.json
-export folder --law x.json
+export K.mat -o x.json
+export folder -o x.json
 tune
 tune nowhere
 tune iris --law nothing
@@ -229,17 +227,17 @@ identify text.bin -o x.toml
 identify folder -o x.toml
 identify empty.csv -o x.toml
 identify text.bin --like no-such -o x.toml
-identify-rates
-identify-rates -o x.json
-identify-rates --connect here -o x.toml
+identify rates
+identify --connect here -o x.json
+identify --connect here -o x.toml
 audit
 audit nothing
 audit none.py
 audit broken.py
 league --entries nothing
 league nothing
-check-controller
-check-controller nothing
+controller check
+controller check nothing
 controller --law nothing
 controller --connect here
 controller --via smoke
@@ -270,8 +268,7 @@ league --workers 0
 league --vehicle bike
 league --scenario nowhere
 league --entry nothing
-league --csv nowhere/x.csv
-league --latex x.txt
+league --seed -1
 compare paper --autopilot px4 --runs 0
 compare paper --autopilot px4 --vehicle bike
 compare paper --autopilot px4 --build nowhere
@@ -286,9 +283,9 @@ identify text.bin -o x.toml --mass nan
 identify text.bin -o x.toml --inertia 1,2
 identify text.bin -o x.toml --thrust-max nan
 identify text.bin -o x.toml --scenario nowhere
-identify-rates -o x.toml --bind-port 70000
-identify-rates -o x.toml --signing-key none
-check-controller 'exec: true' --vehicle bike
+identify --connect 127.0.0.1:1 -o x.toml --bind-port 70000
+identify --connect 127.0.0.1:1 -o x.toml --signing-key none.key
+controller check 'exec: true' --vehicle bike
 audit px4 --build nowhere
 audit --nothing
 doctor --nothing

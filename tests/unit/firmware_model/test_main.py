@@ -11,9 +11,9 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import read_journal
-from gustproof.controller.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.endpoint import ControllerEndpoint
+from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
-from gustproof.simulate.direct import fly_direct
 
 VEHICLE, CONTROLLER = (0, ("127.0.0.1", 1)), (0, ("127.0.0.1", 2))
 SCENARIO = 'description = "a moment of calm"\nduration_s = 0.2\n'

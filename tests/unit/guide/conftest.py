@@ -3,13 +3,13 @@ from typing import Any
 
 import pytest
 
+from gustproof.flight.routes import recorder
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.pilots import fly_pilot
+from gustproof.flight.routes.processes import fly_plan
 from gustproof.law.form import Law
-from gustproof.simulate import recorder
-from gustproof.simulate.direct import fly_direct
-from gustproof.simulate.flight import Flight, FlightPlan, by_kind
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.pilots import fly_pilot
-from gustproof.simulate.processes import fly_plan
 
 
 def _fly_here(plan: FlightPlan, out: Path, **_: Any) -> Flight:

@@ -10,9 +10,9 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.entries.entry import parse_entry
-from gustproof.simulate.outcome import FlightOutcome
-from gustproof.simulate.pilots import fly_pilot
+from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.pilots import fly_pilot
 
 GUIDE = (files("gustproof.guide") / "controllers.md").read_text(encoding="utf-8")
 AIR = replace(load_scenario("paper-turbulence"), duration_s=0.6)

@@ -18,10 +18,10 @@ from firmware_model.config.scenario import Scenario, list_scenarios
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
 from gustproof.guide import site
+from gustproof.guide.rendering import heading_anchor
 from gustproof.law.form import list_laws
-from gustproof.reproduce.errata import ERRATA
+from gustproof.show.reproduce.errata import ERRATA
 
-pytestmark = pytest.mark.plain
 ROOT = Path(__file__).parents[3]
 GUIDE = Path(str(files("gustproof.guide")))
 PAGES = {"README": ROOT / "README.md", **{path.stem: path for path in sorted(GUIDE.glob("*.md"))}}
@@ -33,6 +33,7 @@ OTHER_PROGRAMS = {
     "pip",
     "plotjuggler",
     "python",
+    "python3",
     "tools/bench",
     "tools/demo",
     "tools/test",
@@ -70,15 +71,15 @@ def test_command_of_a_page_has_these_options_and_names(words: tuple[str, ...]) -
         return
     command = command_line().commands[name]
     while hasattr(command, "commands"):
-        if arguments[0] in command.commands:
+        if arguments and arguments[0] in command.commands:
             name, *arguments = arguments
         else:
-            name = command.default
+            name = command.find_meant(arguments)
         command = command.commands[name]
     command.make_context(name, list(arguments))  # raises for an unknown option, a wrong type or too few arguments
     laws = [value for option, value in pairwise(arguments) if option in {"--law", "--entry"}]
     assert all(law.partition("@")[0] in list_laws() or law.endswith(LAW_FILES) for law in laws)
-    if name in {"fly", "campaign", "compare"} and not {"--repeat"} & set(arguments):
+    if name in {"fly", "compare"}:
         assert arguments[0].endswith(".toml") or arguments[0] in list_scenarios()
 
 
@@ -105,7 +106,7 @@ def test_blocks_of_python_and_toml_are_whole(name: str) -> None:
         ast.parse(block)
     for block in blocks(name, "toml"):
         tomllib.loads(block)
-    known = {"python", "toml", "console", "c", "js", "text", "bibtex"}
+    known = {"python", "toml", "diff", "console", "c", "js", "text", "bibtex"}
     assert set(re.findall(r"^```(\w+)", TEXTS[name], flags=re.MULTILINE)) <= known
 
 
@@ -143,7 +144,7 @@ def test_links_lead_to_files_and_headings(name: str) -> None:
         assert made or not file or (folder / file).is_file(), f"{name}: no {file}"
         if anchor and not made:
             headings = re.findall(r"^#+ (.+)$", (folder / file).read_text() if file else text, flags=re.MULTILINE)
-            assert anchor in map(site.heading_anchor, headings), f"{name}: no heading #{anchor}"
+            assert anchor in map(heading_anchor, headings), f"{name}: no heading #{anchor}"
 
 
 def test_every_page_is_in_the_contents_once() -> None:

@@ -10,11 +10,10 @@ import pytest
 
 from firmware_model.config.scenario import SCENARIOS
 from firmware_model.config.vehicle import VEHICLES
+from gustproof.design.designs import DESIGNS
 from gustproof.guide import schemas
 from gustproof.guide.schemas import KINDS, attribute_docs, describe_keys, write_schemas
-from gustproof.synthesis.designs import DESIGNS
 
-pytestmark = pytest.mark.plain
 FILES = [
     *(("scenario", path) for path in sorted(SCENARIOS.glob("*.toml"))),
     *(("vehicle", path) for path in sorted(VEHICLES.glob("*.toml"))),

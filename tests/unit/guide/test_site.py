@@ -4,6 +4,7 @@ import json
 import re
 from html.parser import HTMLParser
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 import typer.main
@@ -11,9 +12,7 @@ from typer.testing import CliRunner
 
 from gustproof.cli.app import app
 from gustproof.guide.rendering import heading_anchor, render_markdown
-from gustproof.guide.site import MADE, SECTIONS
-
-pytestmark = pytest.mark.plain
+from gustproof.guide.site import MADE, SECTIONS, Page
 
 
 class Reader(HTMLParser):
@@ -38,7 +37,7 @@ def folder(tmp_path_factory):
     (folder / "guide.css").write_text("", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gustproof.cli.options._FIRST_LINE_S", 0.01)
-        result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open"])
+        result = CliRunner().invoke(app, ["guide", "tutorial", "-o", str(folder), "--no-open", "--force"])
     assert result.exit_code == 0, result.output
     assert result.stdout == f"{folder / 'tutorial.html'}\n"
     assert result.stderr.startswith(f"gustproof: writing {folder}: 0 s\n")
@@ -125,10 +124,29 @@ def test_an_unknown_page_is_one_line(tmp_path):
 def test_a_guide_replaces_no_other_files(folder, tmp_path):
     assert (folder / "guide.css").stat().st_size > 1000  # in place of the one of a guide before
     (tmp_path / "index.html").write_text("mine")
-    refused = CliRunner().invoke(app, ["guide", "-o", str(tmp_path), "--no-open"])
-    assert refused.exit_code == 2
-    assert "holds other files, and no guide to replace" in refused.stderr
-    assert (tmp_path / "index.html").read_text() == "mine"
+    (tmp_path / "mine.txt").touch()
+    for force, words in (((), "exists already"), (("--force",), "holds other files, such as mine.txt")):
+        refused = CliRunner().invoke(app, ["guide", "-o", str(tmp_path), "--no-open", *force])
+        assert refused.exit_code == 2
+        assert words in refused.stderr
+        assert (tmp_path / "index.html").read_text() == "mine"
+
+
+def test_a_guide_without_a_folder_takes_the_same_place_in_the_cache_each_time(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("gustproof.guide.site.load_pages", lambda _: [Page("index", "Guide", "# Guide")])
+    shown = {CliRunner().invoke(app, ["guide", "--no-open"]).stdout for _ in range(2)}
+    assert shown == {f"{tmp_path / 'cache/gustproof/guide/index.html'}\n"}
+    assert (tmp_path / "cache/gustproof/guide/guide.css").is_file()
+
+
+@pytest.mark.parametrize("home", ["/dev/null", "/proc"])
+def test_a_guide_without_a_home_takes_a_temporary_folder(home, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", home)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("gustproof.guide.site.load_pages", lambda _: [Page("index", "Guide", "# Guide")])
+    result = CliRunner().invoke(app, ["guide", "--no-open"])
+    assert (result.exit_code, Path(result.stdout.strip()).parent.parent) == (0, tmp_path)
 
 
 def test_markdown_is_rendered_without_raw_html():

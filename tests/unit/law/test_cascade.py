@@ -88,7 +88,6 @@ def tumbling(t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.array([phi, theta, 0.2 * t]), np.array([p, q, r])
 
 
-@pytest.mark.compiled
 def test_strapdown_attitude_does_not_drift_in_a_minute_of_coupled_motion() -> None:
     law = law_of([strapdown_axis(PID, 1.0, DT)] * 3)
     x = np.zeros(12)
@@ -99,7 +98,6 @@ def test_strapdown_attitude_does_not_drift_in_a_minute_of_coupled_motion() -> No
     np.testing.assert_allclose(x[:3], tumbling(60.0)[0], atol=1e-3)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("build", [plain_axis, strapdown_axis])
 def test_at_the_limit_the_integral_does_not_wind_up(build) -> None:
     law = law_of([build(PI, 1.0, DT)] * 3)

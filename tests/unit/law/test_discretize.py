@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.airframe.hover import linear_law
+from gustproof.airframe.lpv import linear_plant
+from gustproof.design.designs import design_problem, load_design
 from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
-from gustproof.law.hover import linear_law
 from gustproof.law.step import step
-from gustproof.lti.bilinear import tustin
-from gustproof.lti.state_space import Lti, discretize_zoh
-from gustproof.model.lpv import linear_plant
-from gustproof.synthesis.designs import design_problem, load_design
-from gustproof.synthesis.hinf.hinfsyn import hinfsyn
+from gustproof.robust.hinf.hinfsyn import hinfsyn
+from gustproof.robust.lti.bilinear import tustin
+from gustproof.robust.lti.state_space import Lti, discretize_zoh
 
 DT = 0.004
 ROUNDING = 1e-12

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gustproof.errors import LawFileError
-from gustproof.law.form import Law, load_law, parse_law
+from gustproof.law.form import Law, LawFileError, load_law, parse_law
 
 Maker = Callable[..., Law]
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.analysis.law_margins import resample_at_hover
+from gustproof.airframe.hover import linear_law
 from gustproof.errors import DesignError
 from gustproof.law.discretize import central_law
 from gustproof.law.form import Output, Provenance, list_laws, load_law
-from gustproof.law.hover import linear_law
 from gustproof.law.resample import resample
-from gustproof.lti.state_space import Lti
+from gustproof.robust.lti.state_space import Lti
+from gustproof.studies.rate.law_margins import resample_at_hover
 
 STRAPDOWN = ("flagship", "flagship-robust", "indi", "pid-fair")
 PARTS = ("A", "B", "C", "D", "G", "H")

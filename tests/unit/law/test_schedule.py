@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gustproof.airframe.hover import linear_law
 from gustproof.law.discretize import central_law
 from gustproof.law.form import Output, Provenance, load_law
-from gustproof.law.hover import linear_law
 from gustproof.law.resample import resample
 from gustproof.law.schedule import continuous_controller, corners, law_at
-from gustproof.lti.state_space import Lti
-from gustproof.model.lft import Uncertain
-from gustproof.model.uncertainty import FullBlock, RealBlock
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
+from gustproof.robust.lti.state_space import Lti
 
-pytestmark = pytest.mark.plain
 BLOCKS = (
     RealBlock(name="v", low=-0.2, high=0.2, nominal=0.0, repeats=2),
     RealBlock(name="q", low=-0.5, high=0.5, nominal=0.0),

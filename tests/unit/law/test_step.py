@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gustproof.certify.check.estimate_box import trigonometry
+from gustproof.checker.estimate_box import trigonometry
 from gustproof.law.form import Law, Schedule, list_laws, load_law
 from gustproof.law.step import (
     EXTRA_SIZE,

@@ -7,10 +7,12 @@ import pytest
 
 from firmware_model.autopilot.attitude_loop import (
     ALIGNMENT_TIME,
+    TRIM_TIME,
     StabilizerParams,
     StabilizerState,
     align_attitude,
     attitude_rates,
+    follow_torque,
     rate_torque,
     reset_integrators,
     set_attitude,
@@ -125,3 +127,25 @@ def test_integral_at_the_limit_only_moves_back(axis, sign):
     moved, torque = rate_torque(PARAMS, full, along(axis, -sign * 0.1))
     assert torque == along(axis, sign * limit)
     assert moved[7 + axis] == pytest.approx(sign * (100.0 - 0.1 * DT))
+
+
+@AXES
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_integrals_follow_an_outside_torque_with_their_time_constant(axis, sign):
+    outside = along(axis, 0.5 * sign * VEHICLE.torque_limit[axis])
+    full = outside[axis] / (VEHICLE.inertia_B[axis] * GAINS.rate_i[axis])
+    for steps in (1, round(TRIM_TIME / DT), round(10.0 * TRIM_TIME / DT)):
+        x = LEVEL
+        for _ in range(steps):
+            x = follow_torque(PARAMS, x, outside)
+        share = 1.0 - math.exp(-steps * DT / TRIM_TIME)
+        assert x[7:10] == pytest.approx(along(axis, full * share))
+    assert attitude(x) == (1.0, 0.0, 0.0, 0.0)
+    _, torque = rate_torque(PARAMS, x, (0.0, 0.0, 0.0))  # takes over with the moment that the other one gave
+    assert torque == pytest.approx(outside, rel=1e-4)
+
+
+def test_an_axis_without_an_integral_follows_no_torque():
+    params = stabilizer_params(VEHICLE, replace(GAINS, rate_i=(0.0, 21.0, 22.0)), DT)
+    x = follow_torque(params, LEVEL, (1.0, 0.0, 0.0))
+    assert x[7:10] == (0.0, 0.0, 0.0)

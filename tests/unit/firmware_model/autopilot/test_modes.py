@@ -429,3 +429,55 @@ def test_stand_flies_the_outside_controller():
     craft.autopilot.arm()
     craft.command = TORQUE
     assert craft.stay(SAMPLE_US) is TORQUE
+
+
+# A crash.
+
+
+@pytest.mark.parametrize("mode", [Mode.OFFBOARD, Mode.HOLD, Mode.STABILIZED])
+def test_vehicle_that_lies_on_its_rotors_for_two_seconds_is_disarmed_and_says_so(craft, autopilot, mode):
+    craft.fly_to(mode)
+    craft.at(height=0.0, tilt=math.radians(61.0))
+    craft.stay(2_000_000 - SAMPLE_US)
+    assert autopilot.armed
+    assert isinstance(craft.stay(SAMPLE_US), MotorsOff)
+    assert (autopilot.armed, autopilot.airborne, autopilot.mode) == (False, False, Mode.HOLD)
+    assert autopilot.take_events() == [AutopilotEvent.CRASHED]
+    assert AutopilotEvent.CRASHED.is_critical
+    assert not AutopilotEvent.CRASHED.is_fail_safe  # no set-points were lost
+    craft.stay(5_000_000)
+    assert autopilot.take_events() == []
+    assert autopilot.arm() is TransitionResult.TIPPED
+
+
+def test_crashed_vehicle_that_bounces_is_disarmed_too(craft, autopilot):
+    craft.fly_to(Mode.HOLD)
+    for k in range(600):
+        craft.at(height=0.1 * (k % 7), tilt=2.0)
+    assert not autopilot.armed
+
+
+@pytest.mark.parametrize(("height", "tilt_deg"), [(0.0, 59.0), (0.5, 180.0)])
+def test_leaning_vehicle_and_one_upside_down_in_the_air_fly_on(craft, autopilot, height, tilt_deg):
+    craft.fly_to(Mode.HOLD)
+    craft.at(height=height, tilt=math.radians(tilt_deg))
+    craft.stay(10_000_000)
+    assert autopilot.armed
+    assert AutopilotEvent.CRASHED not in autopilot.take_events()
+
+
+def test_vehicle_that_comes_upright_again_begins_its_two_seconds_anew(craft, autopilot):
+    craft.fly_to(Mode.HOLD)
+    for _ in range(4):
+        craft.at(height=0.0, tilt=2.0)
+        craft.stay(1_900_000)
+        craft.at(height=0.0, tilt=0.5)
+    assert autopilot.armed
+
+
+def test_vehicle_on_the_stand_does_not_crash():
+    craft = Craft(free=False)
+    craft.autopilot.arm()
+    craft.at(height=0.0, tilt=3.0)
+    craft.stay(10_000_000)
+    assert craft.autopilot.armed

@@ -20,7 +20,6 @@ CALM = Scenario(name="calm", description="", duration_s=60.0, translation="free"
 MODERATE = Dryden(kind="dryden", wind_speed_20ft_mps=15.4)
 HERE = PositionTarget((0.0, 0.0, -10.0), 0.0, None)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
-pytestmark = pytest.mark.compiled
 
 
 def fly(loop: VehicleLoop, setpoint: Setpoint, seconds: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.config.files import checked_name, parse_json
+from firmware_model.config.files import checked_name, parse_json, shipped_path
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import list_vehicles, load_vehicle
@@ -95,6 +95,33 @@ def test_an_unknown_name_has_the_nearest_known_one_and_a_missing_file_is_said(tm
         load_scenario("papers")
     with pytest.raises(ConfigError, match="No such file"):
         load_vehicle(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("load", "content", "told"),
+    [
+        (load_scenario, "inertia_B = [1, 1, 1]\nmass = 1.0", "is a vehicle file: give it as --vehicle"),
+        (load_scenario, "W_e = 1", "is a design file: it is for gustproof design"),
+        (load_vehicle, "duration_s = 1.0", "is a scenario file: give it as the scenario, --scenario or --air"),
+        (load_vehicle, "W_e = 1", "is a design file: it is for gustproof design"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_in_one_line(load, content, told, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{content}\n")
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert str(caught.value) == f"{path}: {told}"
+
+
+def test_a_file_of_another_format_is_not_looked_up_as_a_name(tmp_path: Path) -> None:
+    for name, told in (("my-law.json", "a law is given as --law"), ("a.ulg", "gustproof identify makes a vehicle")):
+        (tmp_path / name).touch()
+        with pytest.raises(ConfigError, match=rf"{name}: is no vehicle, which is a \.toml file or a name; {told}"):
+            load_vehicle(tmp_path / name)
+    (tmp_path / "k.mat").touch()
+    with pytest.raises(ConfigError, match=r"k\.mat: is no law, which is .* --law FILE\.json makes one of it$"):
+        shipped_path("law", tmp_path / "k.mat", tmp_path, ".json")
 
 
 def test_a_name_is_one_part_of_a_path_in_any_script() -> None:

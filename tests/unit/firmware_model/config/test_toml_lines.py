@@ -32,7 +32,6 @@ y = 2
 '''
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(
     ("key", "line"),
     [
@@ -54,7 +53,6 @@ def test_a_key_has_its_line(key: tuple[int | str, ...], line: int | None) -> Non
     assert find_line(TEXT, key) == line
 
 
-@pytest.mark.plain
 def test_an_error_in_the_second_of_many_tables_has_its_line(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('description = "x"\nduration_s = 1.0\n' + '[[wind]]\nkind = "constant"\nspeed_mps = 1.0\n' * 2)

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot import Frame, FrameKind, FrameReader, encode_answer, map_outputs
+from firmware_model.guest.ardupilot import FrameKind, FrameReader, ServoFrame, encode_answer, map_outputs
 from firmware_model.guest.readings import Readings
 
 READINGS = Readings(
@@ -35,7 +35,7 @@ def frame(count: int, pulses: list[int], *, magic: int = 18458, outputs: int = 1
 
 def test_frame_gives_fractions_in_the_order_of_the_vehicle_file() -> None:
     reader = FrameReader((1, 0, 3, 2))
-    assert reader.read(frame(0, [1000, 1250, 2000, 1500])) == Frame(FrameKind.NEW, (0.25, 0.0, 0.5, 1.0), 400)
+    assert reader.read(frame(0, [1000, 1250, 2000, 1500])) == ServoFrame(FrameKind.NEW, (0.25, 0.0, 0.5, 1.0), 400)
 
 
 def test_frame_of_32_outputs_is_read_by_its_own_number() -> None:

@@ -88,7 +88,6 @@ def fly(
     return facts
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
 def test_peer_finds_no_fault_and_flies_the_scenario(
@@ -109,7 +108,6 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
         assert (tmp_path / "run" / "eeprom.bin").read_text().splitlines() == saved
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("fault", "outcome", "said"),
     [

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.guest.guest import Dialect
+from firmware_model.guest.dialect import Dialect
 from firmware_model.guest.pilot import Estimate, Pilot, describe_refusals, quote_last_texts
 from firmware_model.guest.px4 import SimulatorLink
+from firmware_model.guest.read_back import ParameterReader
 from firmware_model.mavlink.frames import Address, Frame, Message, RejectReason, parse
 from firmware_model.types import AttitudeTarget
 
-pytestmark = pytest.mark.plain
 GUEST: Address = (0, ("127.0.0.1", 18570))
 INSIDE = Dialect(12, "its law", (4.0, 11.0), 77, array_name="law", law_switch=(176.0, 1.0, 7.0))
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -20,7 +20,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 @pytest.fixture
 def pilot() -> Pilot:
-    made = Pilot(INSIDE, ["KNOWN", "UNKNOWN"])
+    made = Pilot(INSIDE, ParameterReader({"KNOWN": "1", "UNKNOWN": "1"}))
     made.meet(1, 18570)
     return made
 
@@ -71,11 +71,11 @@ def test_parameter_without_an_answer_to_three_requests_is_unknown(pilot: Pilot) 
     say(pilot, beat())
     requests = []
     for turn in range(5):
-        names = [message.param_id for message in sent(pilot, 500_000 * turn) if hasattr(message, "param_id")]
+        names = [message.param_id for message in sent(pilot, 250_000 * turn) if hasattr(message, "param_id")]
         requests.append(names)
         say(pilot, wire.MAVLink_param_value_message(b"KNOWN", 1.0, 9, 2, 0))
     assert requests == [["KNOWN", "UNKNOWN"], ["UNKNOWN"], ["UNKNOWN"], [], []]
-    assert pilot.unknown_parameters == ["UNKNOWN"]
+    assert pilot.reader.unknown == ["UNKNOWN"]
 
 
 @pytest.mark.parametrize(

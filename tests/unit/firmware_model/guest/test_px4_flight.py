@@ -5,6 +5,7 @@ With GUSTPROOF_PX4, the folder of a build, the flights to the end are flown by t
 
 import json
 import os
+import shutil
 import socket
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
@@ -17,17 +18,17 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as wire
 
+from firmware_model.config.parameter_files import read_parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.guest import px4_process
 from firmware_model.guest.__main__ import main
 from firmware_model.guest.guest import GuestOptions, check_law_inside
-from firmware_model.guest.parameter_files import read_parameters
 from firmware_model.guest.px4 import SimulatorLink
 from firmware_model.guest.readings import Readings
-from firmware_model.guest.recorder import read_estimates
 from firmware_model.guest.world import World
+from firmware_model.recording.estimates import read_estimates
 from firmware_model.recording.journal import read_journal
 
 PEER = Path(__file__).parent / "px4_build"
@@ -60,12 +61,10 @@ def fly(
 @pytest.fixture
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(px4_process, "_BOOT_REPLY_S", 0.02)
-    monkeypatch.setattr(px4_process, "_CONNECT_TIMEOUT_S", 2.0)
     monkeypatch.setattr(px4_process.Px4, "warm_up_s", 0.0)
-    monkeypatch.setattr(px4_process.Px4, "arming_timeout_s", 3.5)
+    monkeypatch.setattr(px4_process.Px4, "arming_timeout_s", 6.0)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
 def test_peer_finds_no_fault_and_flies_the_scenario(
@@ -82,6 +81,63 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
     assert float(np.max(np.abs(records["omega_B"]))) < 1.0
     assert len(read_estimates(tmp_path / "flight.attitude")) in range(47, 52)
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000
+
+
+OF_2026 = """
+# Once px4-rc.params was read here: . px4-rc.params
+env | while IFS='=' read -r line; do
+  case $line in "PX4_PARAM_"*) param set "${line#PX4_PARAM_}" ;; esac
+done
+"""
+
+
+def build_with(script: str, folder: Path) -> Path:
+    """Return a build of the stand-in with another start script."""
+    build = folder / "build"
+    shutil.copytree(PEER, build)
+    (build / "etc" / "init.d-posix" / "rcS").write_text(script)
+    return build
+
+
+@pytest.mark.usefixtures("_impatient")
+def test_parameters_reach_a_start_script_without_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PX4_PARAM_MC_ROLLRATE_P", "9")  # of the user's shell, not of this flight
+    (tmp_path / "mine.params").write_text("MC_PITCHRATE_P 0.6\nMY_OWN 1\n")
+    build = build_with(OF_2026, tmp_path)
+    facts = fly(tmp_path, capsys, "--params", str(tmp_path / "mine.params"), build=str(build))
+    assert (facts["outcome"], facts["reason"]) == ("done", "")
+    told = facts["autopilot"]["read_back"]
+    assert (told["MC_PITCHRATE_P"], told["MC_ROLLRATE_P"]) == pytest.approx((0.6, 0.15))
+    assert told["MC_ROLL_P"] == 4.0  # the build's own default
+    assert told["COM_RC_IN_MODE"] == 4.0
+    assert not (tmp_path / "run" / "px4-rc.params").exists()
+
+
+def test_file_is_written_where_the_start_script_reads_it(tmp_path: Path) -> None:
+    for script in (
+        ". px4-rc.params\n",
+        OF_2026 + ". px4-rc.params\n",
+        "\t[ -f px4-rc.params ] && source px4-rc.params",
+    ):
+        build = build_with(script, tmp_path)
+        assert px4_process.write_start_files(build, tmp_path, {"MC_ROLL_P": "4"}, None) == {}
+        assert (tmp_path / "px4-rc.params").read_text() == "param set MC_ROLL_P 4\n"
+        shutil.rmtree(build)
+
+
+@pytest.mark.parametrize("script", ["", "# . px4-rc.params\n\t# PX4_PARAM_X\n", None])
+def test_start_script_that_takes_no_parameters_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], script: str | None
+) -> None:
+    build = build_with(script or "", tmp_path)
+    if script is None:
+        (build / "etc" / "init.d-posix" / "rcS").unlink()
+    facts = fly(tmp_path, capsys, build=str(build))
+    said = "No such file or directory" if script is None else "takes parameters neither from px4-rc.params nor from"
+    assert facts["outcome"] == "wrong_build"
+    assert "etc/init.d-posix/rcS: " + said in facts["reason"]
 
 
 def negate(vector: tuple[float, ...]) -> tuple[float, ...]:
@@ -127,7 +183,6 @@ def check(readings: Iterable[Readings]) -> None:
         assert messages[-1].get_type() == "HIL_SENSOR"
 
 
-@pytest.mark.compiled
 def test_peer_accepts_the_motion_that_a_spoiled_field_contradicts(motion: list[Readings]) -> None:
     check(motion)
 
@@ -138,11 +193,13 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
         check(SPOILED[field](readings) for readings in motion)
 
 
-@pytest.mark.compiled
 @pytest.mark.usefixtures("_impatient")
 @pytest.mark.parametrize(
     ("fault", "outcome", "said"),
     [
+        ("deaf", "wrong_parameters", "it has CA_ROTOR_COUNT 0 where 4 was set, and 2"),
+        ("lacks CA_ROTOR1_PX THR_MDL_FAC", "wrong_parameters", "it has no parameter THR_MDL_FAC, and 1 more like it"),
+        ("mute", "wrong_parameters", "it answers for none of the 35 parameters that were set"),
         ("refuse", "not_armed", "Preflight Fail: waiting for the peer"),
         ("plus", "wrong_geometry", "a set-point in roll gave torques of"),
         ("exit", "killed", "it said last: the peer gives up"),
@@ -164,9 +221,12 @@ def test_flight_that_ends_early_tells_how(
     said: str,
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
-    if fault == "hang":  # all others answer, on a busy machine late
-        monkeypatch.setattr(px4_process, "_HUNG_S", 1.0)
-    facts = fly(tmp_path, capsys)
+    # All others answer, on a busy machine late.
+    patience = {"hang": ("_HUNG_S", 1.0), "silent": ("_CONNECT_TIMEOUT_S", 2.0)}
+    if fault in patience:
+        monkeypatch.setattr(px4_process, *patience[fault])
+    (tmp_path / "mine.params").write_text("MC_ROLLRATE_P 0.6\n")
+    facts = fly(tmp_path, capsys, "--params", str(tmp_path / "mine.params"))
     assert facts["outcome"] == outcome
     assert said in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) == 1  # all ends here are before the scenario
@@ -187,6 +247,8 @@ def test_port_that_another_program_uses_is_told(tmp_path: Path, capsys: pytest.C
 def test_program_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for folder in ("bin", "etc"):
         (tmp_path / "build" / folder).mkdir(parents=True)
+    (tmp_path / "build" / "etc" / "init.d-posix").mkdir()
+    (tmp_path / "build" / "etc" / "init.d-posix" / "rcS").write_text(". px4-rc.params")
     (tmp_path / "build" / "bin" / "px4").write_text("not a program")
     (tmp_path / "build" / "bin" / "px4").chmod(0o700)
     facts = fly(tmp_path, capsys, build=str(tmp_path / "build"))

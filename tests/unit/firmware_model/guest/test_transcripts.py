@@ -3,6 +3,9 @@
 A transcript holds what the autopilot sent, exchange by exchange. Our world and pilot meet these bytes again, and must
 send what they sent then, to the bit. With GUSTPROOF_PX4 or GUSTPROOF_ARDUPILOT, a build, a new session is recorded,
 flown again, and left in the test's folder. What changes our side of the talk needs that file in `transcripts`.
+
+PX4's is of March 2026. ArduPilot's is of July 2025; its answers for the frame, the motors and the rate, which were not
+asked for then, were put in by hand.
 """
 
 import hashlib
@@ -44,7 +47,6 @@ kind = "dryden"
 wind_speed_20ft_mps = 10.0
 """
 PEER: Address = (0, ("127.0.0.1", 1))
-pytestmark = [pytest.mark.compiled, pytest.mark.traced]
 
 
 def short_gust(autopilot: str, folder: Path) -> Scenario:
@@ -237,7 +239,9 @@ def test_session_is_flown_again_to_the_bit(autopilot: str, tmp_path: Path) -> No
     pilot, digests = replay(told, tmp_path)
     assert digests == told["digests"]
     assert (pilot.version, list(pilot.texts)) == (told["version"], told["texts"])
-    assert pilot.unknown_parameters == []
+    assert pilot.reader.finished
+    assert pilot.reader.describe_faults() == ""
+    assert pilot.reader.unknown == []
     assert pilot.is_armed
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
@@ -173,11 +174,47 @@ def test_sample_needs_a_gyro_and_finite_numbers(measured, field):
         assert messages.parse_imu(frame) == (ImuSample(4000, gyro, force) if usable else RejectReason.NOT_FINITE)
 
 
-@pytest.mark.parametrize("length", [0.9985, 0.9995, 1.0005, 1.0015])
-def test_attitude_is_a_quaternion_of_unit_length_within_a_thousandth(length):
+@pytest.mark.parametrize("length", [0.5, 0.9985, 0.9989, 0.9995, 1.0005, 1.0011, 1.0015, 2.0])
+def test_attitude_of_another_length_is_that_of_unit_length(length):
     q_NB = (0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length)
     message = wire.MAVLink_set_attitude_target_message(4, 1, 1, 7, q_NB, 0.0, 0.0, 0.0, 0.5)
-    assert (read_slowly(message) is RejectReason.NOT_FINITE) is (abs(length - 1.0) > 1e-3)
+    read = read_slowly(message).q_NB
+    assert math.hypot(*read) == pytest.approx(1.0, abs=1e-9 if abs(length - 1.0) > 1e-3 else 1e-3)
+    assert read == pytest.approx((0.5, -0.5, 0.5, 0.5), abs=1e-3)
+
+
+def test_attitude_of_nearly_unit_length_keeps_its_bits():
+    q_NB = (0.50025, -0.5, 0.5, 0.5)
+    read = read_slowly(wire.MAVLink_set_attitude_target_message(4, 1, 1, 7, q_NB, 0.0, 0.0, 0.0, 0.5)).q_NB
+    assert read == tuple(float(np.float32(each)) for each in q_NB)
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-42, 1e-20, 0.49, 2.01, 100.0, 1e30])
+def test_attitude_far_from_unit_length_is_refused_by_that_name(length):
+    message = wire.MAVLink_set_attitude_target_message(4, 1, 1, 7, (0.0, length, 0.0, 0.0), 0.0, 0.0, 0.0, 0.5)
+    assert read_slowly(message) is RejectReason.BAD_QUATERNION
+
+
+@pytest.mark.parametrize(
+    ("stamp_ms", "time_us", "newer"),
+    [
+        (5, 4_000, 1),
+        (4, 4_999, 0),
+        (3, 4_000, -1),
+        (2, (2**32 - 3) * 1000, 5),  # wrapped, after 49.7 days
+        (2**32 - 3, 2_000, -5),
+        (0, 2**32 * 1000, 0),
+        (7, 2**32 * 1000, 7),
+        (2**31 - 1, 0, 2**31 - 1),
+        (2**31, 0, -(2**31)),
+    ],
+)
+def test_stamps_of_attitude_targets_are_compared_across_their_wrap(stamp_ms, time_us, newer):
+    assert messages.stamp_difference(rates(0.0, 0.0, 0.0, time_us=stamp_ms * 1000), time_us) == newer
+
+
+def test_stamps_of_torques_do_not_wrap():
+    assert messages.stamp_difference(torques(0.0, 0.0, 0.0, time_us=5), (2**32 - 3) * 1000) == 5 - (2**32 - 3) * 1000
 
 
 def test_commands_leave_the_unused_controls_at_zero():

@@ -116,17 +116,35 @@ def test_streams_are_bounded(signing):
     assert signing.check(frame(stamp=STAMP + 1)) is None
 
 
-def test_own_stamps_grow_and_keep_up_with_clock_and_peers(signing):
+@pytest.mark.parametrize(("lead", "cause"), [(MINUTE, None), (MINUTE + 1, RejectReason.AHEAD_OF_CLOCK)])
+def test_any_stamp_is_at_most_a_minute_ahead_of_the_clock(signing, lead, cause):
+    assert signing.check(frame(stamp=STAMP)) is None
+    assert signing.check(frame(stamp=STAMP + lead)) is cause
+    assert signing.check(frame(stamp=STAMP + lead, component=1)) is cause
+
+
+@pytest.mark.parametrize("stamp", [STAMP + MINUTE, STAMP + 10 * 365 * 1440 * MINUTE, 2**48 - 2, 2**48 - 1])
+def test_a_clock_in_the_future_locks_nobody_out(signing, stamp):
+    signing.check(frame(stamp=stamp))
+    assert signing.check(frame(component=1)) is None
+    assert signing.check(frame(stamp=STAMP - MINUTE, component=2)) is None
+    signing.tick(1_000_000)
+    assert signing.check(frame(stamp=STAMP + 100_000, component=3)) is None
+
+
+def test_own_stamps_grow_and_follow_the_own_clock_alone(signing):
     assert [signing.next_stamp(), signing.next_stamp()] == [STAMP + 1, STAMP + 2]
     signing.tick(1_000)
     assert signing.next_stamp() == STAMP + 101
-    signing.check(frame(stamp=STAMP + 1_000))
-    assert signing.next_stamp() == STAMP + 1_001
+    assert signing.check(frame(stamp=STAMP + 1_000)) is None
+    assert signing.next_stamp() == STAMP + 102
 
 
-def test_last_stamp_of_all_is_no_error(signing):
+def test_last_stamp_of_all_is_no_error():
+    signing = Signing(KEY, 1_420_070_400_000_000 + 10 * (2**48 - 2))
+    signing.tick(0)
     assert signing.check(frame(stamp=2**48 - 1)) is None
-    assert parse(Channel(1, 1, signing).pack(PING))[0].is_signed
+    assert [parse(Channel(1, 1, signing).pack(PING))[0].is_signed for _ in range(3)] == [True] * 3
 
 
 def test_pymavlink_obeys_what_we_sign(signing):

@@ -145,7 +145,6 @@ def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
     np.testing.assert_allclose(sensor_wrench(params, hovering, blown)[0], force / vehicle.mass)
 
 
-@pytest.mark.compiled
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
     params = constants(vehicle, 0.01)
@@ -157,7 +156,6 @@ def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
 
 
 @by_vehicle
-@pytest.mark.compiled
 def test_hover_is_trim(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=None), 5.0)
     np.testing.assert_allclose(records["position_N"], [(0.0, 0.0, -500.0)] * len(records), atol=1e-9)
@@ -166,7 +164,6 @@ def test_hover_is_trim(vehicle):
 
 
 @by_vehicle
-@pytest.mark.compiled
 @pytest.mark.parametrize("velocity", [(5.0, 0.0, 0.0), (-3.0, 4.0, 0.0)])
 def test_level_it_drifts_with_the_wind_toward_where_that_blows(vehicle, velocity):
     records = fly(vehicle, wind(*velocity), LevelFlight(), 100.0)
@@ -177,7 +174,6 @@ def test_level_it_drifts_with_the_wind_toward_where_that_blows(vehicle, velocity
 
 
 @by_vehicle
-@pytest.mark.compiled
 def test_tilted_its_speed_through_the_air_is_where_drag_meets_thrust(vehicle):
     pitch = -0.2
     target = AttitudeTarget(time_us=0, q_NB=from_euler(0.0, pitch, 0.0), omega_B=None, thrust=None)
@@ -203,7 +199,6 @@ def test_tilted_its_speed_through_the_air_is_where_drag_meets_thrust(vehicle):
 
 
 @by_vehicle
-@pytest.mark.compiled
 def test_balanced_rotors_do_not_turn_it(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.0, throttle=0.7), 2.0)
     assert np.ptp(records["rotors"], axis=1).max() < 1e-9
@@ -211,7 +206,6 @@ def test_balanced_rotors_do_not_turn_it(vehicle):
     assert records["velocity_N"][-1, 2] < -3.0
 
 
-@pytest.mark.compiled
 @by_vehicle
 def test_rotors_that_turn_left_turn_it_right_by_their_drag(vehicle):
     records = fly(vehicle, CALM, torque(0.0, 0.0, 0.1), 1.0)
@@ -220,7 +214,6 @@ def test_rotors_that_turn_left_turn_it_right_by_their_drag(vehicle):
     assert records["omega_B"][-1, 2] > 0.1
 
 
-@pytest.mark.compiled
 @by_vehicle
 def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle):
     gust = GustCosine(kind="one_minus_cosine", amplitude_mps=(0.0, 4.0, 0.0), start_s=0.0, length_s=1.0)
@@ -233,7 +226,6 @@ def test_a_gust_pushes_it_the_way_it_blows_and_turns_it_as_on_the_stand(vehicle)
 
 
 @by_vehicle
-@pytest.mark.compiled
 def test_free_and_held_turn_alike_in_still_air(vehicle):
     """A level turn moves nothing; tilted, the own speed v gives the moment gust_gain v, which the law takes out.
 
@@ -268,7 +260,6 @@ def test_gusts_go_with_their_scale_and_the_mean_wind_stays():
         assert halved.true_vector("wind_N") == plain.true_vector("wind_N") == (1.0, 2.0, 3.0)
 
 
-@pytest.mark.compiled
 def test_the_estimate_follows_the_truth_though_the_gyro_drifts():
     scenario = replace(CALM, gyro=GyroFault(noise=False, bias_rad_s=(0.01, 0.0, 0.0)))
     loop = VehicleLoop(VEHICLES["paper"], scenario, 1)

@@ -46,7 +46,6 @@ def test_no_voltage_is_negative():
     assert step(BatteryState(), 100.0)[2:] == (0.0, 0.0)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("vehicle", [PAPER, OCTO], ids=["paper", "octo"])
 def test_a_flight_draws_its_current_from_the_thrusts_that_are_recorded(vehicle):
     loop, currents, rows = VehicleLoop(vehicle, QUIET, 1), [], []
@@ -62,7 +61,6 @@ def test_a_flight_draws_its_current_from_the_thrusts_that_are_recorded(vehicle):
     assert loop.battery.remaining == pytest.approx(1.0 - loop.battery.used_ah / 5.0, rel=1e-12)
 
 
-@pytest.mark.compiled
 def test_thrust_and_torque_fall_with_the_square_of_the_voltage():
     command = TorqueCommand(time_us=0, torque_B=(0.2, 0.0, 0.0), throttle=0.7)
     loop = VehicleLoop(PAPER, QUIET, 1)

@@ -220,7 +220,6 @@ def test_shear_is_the_logarithm_of_the_height_over_the_roughness() -> None:
     assert mean_wind(params, 0.0) == mean_wind(params, 3.0 * foot)
 
 
-@pytest.mark.compiled
 def test_a_free_vehicle_drifts_the_way_the_wind_blows_and_faster_higher_up() -> None:
     wind = Constant(kind="constant", speed_mps=5.0, from_deg=270.0)  # from the west: it is carried east
     free = replace(QUIET, translation="free", duration_s=5.0)
@@ -237,7 +236,6 @@ def test_a_free_vehicle_drifts_the_way_the_wind_blows_and_faster_higher_up() -> 
     assert high < low < 0.0
 
 
-@pytest.mark.compiled
 def test_a_held_vehicle_leans_the_way_the_wind_blows_in_its_own_axes() -> None:
     step = GustStep(kind="step", amplitude_mps=(3.0, 2.0, 0.0), frame="ned", stop_s=0.5)
     records = fly(replace(QUIET, wind=(step,), duration_s=1.0))
@@ -249,7 +247,6 @@ def test_a_held_vehicle_leans_the_way_the_wind_blows_in_its_own_axes() -> None:
     assert not records["gust_B"][125:].any()
 
 
-@pytest.mark.compiled
 def test_a_moment_of_the_earth_is_turned_into_body_axes() -> None:
     push = MomentStep(kind="step", amplitude_nm=(0.5, 0.0, 0.0), frame="ned")
     spin = MomentStep(kind="step", amplitude_nm=(0.0, 0.0, 0.3))
@@ -259,7 +256,6 @@ def test_a_moment_of_the_earth_is_turned_into_body_axes() -> None:
         np.testing.assert_allclose(record["moment_B"], expected, atol=1e-12)
 
 
-@pytest.mark.compiled
 def test_a_flight_twice_as_long_begins_identically_with_every_primitive() -> None:
     replay = GustReplay(kind="replay", rows=ROWS, start_s=0.1)
     winds = (*(gust for gust, _, _ in SHAPES), replay, Shear(kind="shear", wind_speed_20ft_mps=5.0, from_deg=0.0))

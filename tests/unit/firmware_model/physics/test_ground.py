@@ -31,7 +31,6 @@ WINDY = replace(
         Dryden(kind="dryden", wind_speed_20ft_mps=15.4),
     ),
 )
-pytestmark = pytest.mark.compiled
 
 
 def fly(loop: VehicleLoop, setpoint: Setpoint, seconds: float) -> np.ndarray:

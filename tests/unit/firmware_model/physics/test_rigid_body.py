@@ -57,7 +57,6 @@ def momentum_N(body: Body) -> np.ndarray:
     return np.array(rotate(body.q_NB, (L[0], L[1], L[2])))
 
 
-@pytest.mark.compiled
 def test_without_torque_energy_and_angular_momentum_stay() -> None:
     start = REST._replace(omega_B=(1.5, -0.8, 2.0))
     end = fly(start, 10.0, 0.001)
@@ -77,7 +76,6 @@ def test_the_integration_error_falls_with_the_fourth_power_of_the_step() -> None
     assert math.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.15)
 
 
-@pytest.mark.compiled
 def test_spin_about_the_intermediate_axis_flips_and_about_the_others_stays() -> None:
     # I_x > I_y > I_z: y is the intermediate axis (Dzhanibekov's nut).
     flips, constants = REST._replace(omega_B=(1e-3, 3.0, 1e-3)), params(0.001)
@@ -93,7 +91,6 @@ def test_spin_about_the_intermediate_axis_flips_and_about_the_others_stays() -> 
         assert stays.omega_B[axis] == pytest.approx(3.0, rel=1e-5)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_moment_about_an_axis_turns_about_that_axis_by_its_inertia(axis: int) -> None:
     # Constant moment, no damping: a quarter turn takes t = sqrt(pi I / moment).

@@ -52,7 +52,6 @@ def effect(vehicle: Vehicle) -> np.ndarray:
     return np.vstack([arms.T, np.ones(len(arms))])
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("name", VEHICLES)
 @given(shares=st.tuples(SHARE, SHARE, SHARE), throttle=st.floats(-0.2, 1.2))
 @settings(max_examples=200, deadline=None)
@@ -67,7 +66,6 @@ def test_what_is_given_is_what_the_rotors_make_and_no_rotor_leaves_its_range(nam
     assert rotors.max() <= (1.0 + 1e-12) * most
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("name", QUADS)
 @given(rotors=st.tuples(*[st.floats(0.0, 1.0)] * 4))
 @settings(max_examples=200, deadline=None)

@@ -11,8 +11,8 @@ from firmware_model.config.vehicle import Accelerometer, Vehicle, load_vehicle
 from firmware_model.numerics.elementary import normals
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording.journal import RECORD
+from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
-from gustproof.simulate.direct import fly_direct
 
 CALM: Scenario = replace(load_scenario("calm"), duration_s=4.0)
 AIRFRAME = load_vehicle("paper")
@@ -77,7 +77,6 @@ def flown(vehicle: Vehicle, **changed: object) -> np.ndarray:
     return fly_direct(scenario, load_law("hinf-scheduled"), vehicle=vehicle, seed=3)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("rate_hz", [250, 500])
 def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> None:
     law = replace(load_law("hinf-scheduled"), dt=1.0 / rate_hz)
@@ -88,7 +87,6 @@ def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> 
     assert noise.std() == pytest.approx(sigma, rel=5.0 / math.sqrt(2.0 * len(records)))
 
 
-@pytest.mark.compiled
 def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
     quiet = AccelerometerFault(noise=False)
     biased = replace(AIRFRAME, accelerometer=Accelerometer(bias_B=(0.0, 0.5, 0.0)))
@@ -97,7 +95,6 @@ def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:
     np.testing.assert_allclose(off - level, [(0.25, 0.5, 0.0)] * len(level), atol=1e-6)
 
 
-@pytest.mark.compiled
 def test_a_law_without_accelerometer_flies_the_same_bits_whatever_that_measures() -> None:
     first = flown(AIRFRAME)
     second = flown(AIRFRAME, accelerometer=AccelerometerFault(noise=False, bias_mps2=(1.0, 1.0, 1.0)))

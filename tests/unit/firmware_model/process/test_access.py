@@ -7,7 +7,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.process import access
-from gustproof.controller.__main__ import main as controller
+from gustproof.flight.endpoint.__main__ import main as controller
 
 
 @pytest.fixture
@@ -23,10 +23,11 @@ def test_loopback_needs_no_key():
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5"])
-def test_beyond_loopback_needs_a_key_or_a_word(host, key):
-    with pytest.raises(ConfigError, match="beyond this machine: give --signing-key FILE, or --unsigned"):
+def test_beyond_loopback_needs_a_key_or_a_word(host, key, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="beyond this machine: give --signing-key FILE, or --signing-key none"):
         access.make_signing(host)
-    assert access.make_signing(host, unsigned=True) is None
+    assert access.make_signing(host, access.NO_KEY) is None
     assert access.make_signing(host, key) is not None
 
 
@@ -47,6 +48,7 @@ def test_command_says_so_in_one_line_with_status_2(command, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_key_and_no_key_are_not_both_given(key):
-    with pytest.raises(ConfigError, match="--signing-key and --unsigned exclude each other"):
-        access.make_signing("127.0.0.1", key, unsigned=True)
+def test_a_key_in_a_file_named_none_is_a_key(key, monkeypatch):
+    monkeypatch.chdir(key.parent)
+    key.rename("none")
+    assert access.make_signing("0.0.0.0", access.NO_KEY) is not None

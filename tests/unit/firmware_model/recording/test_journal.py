@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, count_records, read_journal, record_type
+from firmware_model.recording import journal
+from firmware_model.recording.journal import (
+    RECORD,
+    WIDTH,
+    JournalWriter,
+    count_records,
+    read_journal,
+    record_blocks,
+    record_type,
+)
 
 
 def write(path: Path, count: int) -> np.ndarray:
@@ -92,3 +101,66 @@ def test_a_crash_loses_less_than_a_second_at_any_rate(tmp_path: Path, rate_hz: i
         for _ in range(3 * rate_hz - 1):
             journal.append(np.zeros(WIDTH))
         assert 3 * rate_hz - 1 - count_records(tmp_path / "j") < rate_hz
+
+
+@pytest.fixture
+def long_from_8(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal, "_LONG", 7)
+
+
+@pytest.mark.parametrize("count", [7, 8, 613])
+def test_a_long_journal_is_read_to_the_bit_though_its_file_is_removed(
+    tmp_path: Path, long_from_8: None, count: int
+) -> None:
+    records = write(tmp_path / "j", count)
+    with (tmp_path / "j").open("ab") as file:
+        file.write(b"half a record")
+    _, back = read_journal(tmp_path / "j")
+    (tmp_path / "j").unlink()
+    assert back.tobytes() == records.tobytes()
+    assert back.flags.writeable == (count < 8)
+
+
+@pytest.mark.parametrize("count", [5, 8, 30, 33])
+@pytest.mark.parametrize("cut", [None, 0, 1, 9, 10, 11, 29])
+def test_sound_records_end_where_time_no_longer_increases(
+    tmp_path: Path, long_from_8: None, monkeypatch: pytest.MonkeyPatch, count: int, cut: int | None
+) -> None:
+    records = np.zeros(count, RECORD)
+    records["time_us"] = np.arange(count)
+    if cut is not None:
+        records["time_us"][cut:] = 0.0 if cut else np.nan
+    (tmp_path / "j").write_bytes(b"{}\n" + records.tobytes())
+    monkeypatch.setattr(record_blocks, "__defaults__", (10,))
+    sound = count if cut is None else min(count, cut)
+    assert read_journal(tmp_path / "j", sound=True)[1].tobytes() == records[:sound].tobytes()
+    assert len(read_journal(tmp_path / "j")[1]) == count
+
+
+@pytest.mark.parametrize("size", [1, 7, 10, 40])
+def test_blocks_are_the_records_in_order(tmp_path: Path, long_from_8: None, size: int) -> None:
+    records = write(tmp_path / "j", 30)
+    _, mapped = read_journal(tmp_path / "j")
+    for each in (mapped, mapped[4:21], np.array(mapped), mapped[:0]):
+        blocks = list(record_blocks(each, size))
+        assert [len(block) for block in blocks[:-1]] == [size] * (len(blocks) - 1)
+        assert b"".join(block.tobytes() for block in blocks) == each.tobytes()
+    assert mapped.tobytes() == records.tobytes()
+
+
+def test_blocks_of_a_long_journal_leave_memory_as_they_are_used_up(tmp_path: Path) -> None:
+    count = 1 << 17
+    with (tmp_path / "j").open("wb") as file:
+        file.write(b"{}\n")
+        for _ in range(8):
+            file.write(np.ones(count // 8 * WIDTH).tobytes())
+    _, records = read_journal(tmp_path / "j")
+    before, largest = resident_mib(), 0.0
+    for _ in record_blocks(records):
+        largest = max(largest, resident_mib() - before)
+    assert largest < 30.0  # of 60
+
+
+def resident_mib() -> float:
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return float(status.split("VmRSS:")[1].split()[0]) / 1024.0

@@ -169,6 +169,67 @@ def test_older_stamp_is_stale_while_its_stream_lives_and_fresh_when_that_is_dead
     assert paced.offer(time_us=0) is None
 
 
+@pytest.mark.parametrize("first_ms", [2**32 - 1000, 0])
+def test_stream_goes_on_across_the_wrap_of_its_stamps(paced, first_ms):
+    paced.enter_offboard()
+    paced.flight._forget_setpoint()
+    for k in range(200):
+        assert paced.offer(time_us=(first_ms + 10 * k) % 2**32 * 1000) is None
+        paced.run(10_000)
+    assert paced.autopilot.mode is Mode.OFFBOARD
+
+
+@pytest.mark.parametrize("wrong_ms", [2**31 - 10, 2**31 + 10, 10**6, 3_000])
+def test_one_stamp_of_the_future_ends_no_stream(paced, wrong_ms):
+    paced.enter_offboard()
+    reasons = []
+    for k in range(200):
+        reasons.append(paced.offer(time_us=1000 * (wrong_ms if k == 60 else 10 * k)))
+        paced.run(10_000)
+    assert paced.autopilot.mode is Mode.OFFBOARD
+    assert reasons[:61] == [None] * 61
+    assert reasons.count(RejectReason.STALE) <= 10  # .1 s
+    assert reasons[80:] == [None] * 120
+
+
+def test_stream_whose_clock_runs_back_is_flown(paced):
+    paced.enter_offboard()
+    paced.flight._forget_setpoint()
+    for k in range(300):
+        paced.offer(time_us=10_000_000 - 10_000 * k)
+        paced.run(10_000)
+    assert paced.autopilot.mode is Mode.OFFBOARD
+
+
+def test_late_set_points_among_newer_ones_are_never_flown(paced):
+    paced.enter_offboard()
+    for k in range(1, 200):
+        assert paced.offer(time_us=10_000 * k) is None
+        assert paced.offer(time_us=max(10_000 * (k - 50), 0)) is RejectReason.STALE
+        assert paced.offer_torque(time_us=10_000 * k) is None  # another message makes no stamp fresh
+        paced.run(10_000)
+
+
+def test_old_stamps_of_one_message_alone_are_those_of_a_new_clock_beside_another_stream(paced):
+    paced.enter_offboard()
+    assert paced.offer(time_us=10_000_000) is None
+    reasons = []
+    for k in range(20):
+        reasons.append(paced.offer(time_us=10_000 * k))
+        assert paced.offer_torque(time_us=10_000 * k) is None
+        paced.run(10_000)
+    assert reasons == [RejectReason.STALE] * 10 + [None] * 10
+
+
+def test_an_old_stamp_that_is_repeated_is_never_that_of_a_new_clock(paced):
+    paced.enter_offboard()
+    assert paced.offer(time_us=10_000_000) is None
+    for _ in range(40):
+        assert paced.offer(time_us=5_000) is RejectReason.STALE
+        assert paced.offer_torque(time_us=1) is None
+        paced.run(10_000)
+
+
 def test_flight_compares_stamps_within_a_message(paced):
     assert paced.offer(time_us=5_417_184_000) is None  # MAVSDK: ms, as the message has it
     assert paced.offer_torque(time_us=5_419_788) is None  # ms again, where the message has us

@@ -210,7 +210,6 @@ def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
     assert vehicle.endpoint.counters == {RejectReason.OTHER_TARGET: 2}
 
 
-@pytest.mark.compiled
 def test_what_is_refused_is_counted_and_told_to_all(vehicle):
     vehicle.say(HEARTBEAT, port=2)
     for target in (1, 1, 9):
@@ -235,7 +234,6 @@ def test_each_peer_has_sequence_numbers_without_a_gap(vehicle):
         assert len(numbers) > 256
 
 
-@pytest.mark.compiled
 def test_three_ground_stations_and_a_controller_see_no_gap_in_a_flight():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     for port in (2, 3, 4):
@@ -320,7 +318,6 @@ def test_generic_autopilot_tells_all_parameters_as_real_numbers():
     assert vehicle.take("HEARTBEAT")[0].autopilot == wire.MAV_AUTOPILOT_GENERIC
 
 
-@pytest.mark.compiled
 def test_silent_peer_is_forgotten_after_10_s(vehicle):
     vehicle.say(HEARTBEAT)
     vehicle.wait(20_000_000)
@@ -375,7 +372,6 @@ def test_gust_intensity_acts_in_flight():
     assert gusts[1] == 0.0
 
 
-@pytest.mark.compiled
 def test_gains_act_in_flight_and_to_set_them_to_what_they_are_changes_no_bit():
     flights = []
     for value in (None, 0.35, 0.1):  # 0.35 is the paper's vehicle
@@ -469,7 +465,6 @@ def test_real_time_flight_keeps_absolute_deadlines_through_a_stall(vehicle):
     assert vehicle.endpoint.flight.counters[TimingFault.OVERRUN] == 9
 
 
-@pytest.mark.compiled
 def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     vehicle = Vehicle(lockstep=False, duration_s=2.0)
     vehicle.take_off()
@@ -481,7 +476,6 @@ def test_real_time_stream_that_stops_ends_in_the_fail_safe():
     assert vehicle.take("HEARTBEAT")[-1].base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED == 0
 
 
-@pytest.mark.compiled
 def test_another_controller_takes_over_only_when_the_stream_is_dead():
     vehicle = Vehicle(lockstep=False, duration_s=3.0)
     vehicle.take_off()
@@ -553,7 +547,17 @@ def test_any_message_that_is_refused_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 500
 
 
-@pytest.mark.compiled
+def test_any_message_of_the_dialect_is_survived(vehicle):
+    chance, packer = random.Random(4), wire.MAVLink(None, 1, CONTROLLER)
+    for number, kind in wire.mavlink_map.items():
+        for _ in range(3):
+            body = bytes(chance.choice((0, 1, chance.randrange(256))) for _ in range(kind.unpacker.size))
+            vehicle.endpoint.receive(EncodedMessage(number, body).pack(packer), (0, ("client", 1)), vehicle.now_us)
+    vehicle.wait()
+    assert vehicle.endpoint.counters[RejectReason.UNUSED_MESSAGE] > 100
+    assert vehicle.endpoint.counters[RejectReason.REFUSED] > 10
+
+
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)
@@ -574,7 +578,6 @@ def test_any_datagram_is_survived_and_counted(lockstep):
     assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] > 1000
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("scenario", ["calm", "link-delay"])
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_every_imu_sample_leaves_through_one_function(lockstep, scenario, monkeypatch):
@@ -656,7 +659,6 @@ class Controlled(Vehicle):
                 self.now_us = max(self.endpoint.deadline_us(), self.now_us + 1)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("watched", [False, True])
 @pytest.mark.parametrize("rates", [False, True])
 def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monkeypatch):
@@ -684,7 +686,6 @@ def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monk
     assert len(flights[0][0]) == 100
 
 
-@pytest.mark.compiled
 def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
     vehicle = Controlled(duration_s=4.0)
     vehicle.say(HEARTBEAT, port=2, component=190)
@@ -821,8 +822,6 @@ def test_signed_lockstep_flies_like_an_unsigned_one():
     assert len(flights[0]) == 25
 
 
-@pytest.mark.compiled
-@pytest.mark.traced
 def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
     vehicle = Vehicle(lockstep=False, interactive=True)
     vehicle.setpoint()
@@ -848,3 +847,102 @@ def test_message_that_nothing_reads_is_counted(vehicle):
     vehicle.say(HEARTBEAT, component=190)
     vehicle.say(wire.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert vehicle.endpoint.counters == {RejectReason.UNUSED_MESSAGE: 1}
+
+
+def heard_texts(vehicle: Vehicle, port: int = 1) -> list[str]:
+    return [message.text for message in vehicle.take("STATUSTEXT", port)]
+
+
+def attitude(q=(1.0, 0.0, 0.0, 0.0), thrust: float = 0.5, mask: int = 7):
+    return wire.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust)
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (attitude((math.nan, 0.0, 0.0, 0.0)), "set-points refused: NaN or infinite"),
+        (attitude((0.0, 0.0, 0.0, 0.0)), "set-points refused: quaternion not of length 1"),
+        (attitude((0.0, 3.0, 0.0, 0.0)), "set-points refused: quaternion not of length 1"),
+        (attitude(thrust=math.nan), "set-points refused: no thrust, or no target"),
+        (attitude(mask=7 | 128), "set-points refused: no thrust, or no target"),
+    ],
+)
+def test_set_points_without_effect_are_refused_by_name_every_five_seconds(message, text):
+    vehicle = Vehicle(lockstep=False, interactive=True)
+    vehicle.say(HEARTBEAT)
+    for _ in range(60):
+        vehicle.say(message)
+        vehicle.wait(100_000)
+    assert heard_texts(vehicle) == [text] * 2
+    vehicle.ask(MODE, 1.0, 6.0)
+    assert heard_texts(vehicle) == ["OFFBOARD rejected: no usable set-points"]
+
+
+@pytest.mark.parametrize(
+    ("lead_s", "said"),
+    [
+        (86400 * 3650, ["signature refused: a clock is over 1 min ahead"]),
+        (-86400, ["signature refused: a clock is over 1 min behind"]),
+        (50, []),
+    ],
+)
+def test_clock_that_is_wrong_by_more_than_a_minute_is_told_once_and_harms_nobody(lead_s, said):
+    vehicle = Vehicle(lockstep=False, interactive=True, signing=Signing(KEY, UNIX_US))
+    vehicle.say(HEARTBEAT)
+    for _ in range(3):
+        wrong = keyed()
+        wrong.srcComponent, wrong.signing.timestamp = 55, wrong.signing.timestamp + 100_000 * lead_s
+        vehicle.endpoint.receive(attitude().pack(wrong), (0, ("client", 2)), vehicle.now_us)
+        vehicle.wait(6_000_000)
+        vehicle.say(HEARTBEAT)
+    assert heard_texts(vehicle) == said
+    vehicle.endpoint.receive(attitude().pack(late := keyed()), (0, ("client", 3)), vehicle.now_us)
+    assert late.signing.timestamp
+    assert vehicle.endpoint.setpoint is not None
+
+
+def test_signed_commands_to_a_vehicle_without_a_key_are_served_and_their_sender_told_once(vehicle):
+    client = keyed()
+    for _ in range(3):
+        vehicle.endpoint.receive(HEARTBEAT.pack(client), (0, ("client", 1)), vehicle.now_us)
+        vehicle.say(HEARTBEAT, port=2)
+        vehicle.wait()
+    assert heard_texts(vehicle) == ["signatures not checked: start with --signing-key"]
+    assert heard_texts(vehicle, 2) == []
+
+
+def test_message_to_this_vehicle_that_nothing_reads_is_refused_by_its_name(vehicle):
+    vehicle.say(HEARTBEAT, component=190)
+    for _ in range(2):
+        vehicle.say(wire.MAVLink_fence_fetch_point_message(1, 1, 0), component=190)
+    vehicle.wait()
+    assert heard_texts(vehicle) == ["FENCE_FETCH_POINT not supported"]
+    assert vehicle.endpoint.counters == {RejectReason.REFUSED: 2}
+
+
+def test_client_of_mavlink_1_is_answered_in_mavlink_1_and_told_once_what_that_lacks(vehicle):
+    client = wire.MAVLink(None, 255, 190)
+    ask = wire.MAVLink_command_long_message(1, 1, 512, 0, 435, 0, 0, 0, 0, 0, 0)  # AVAILABLE_MODES
+    for _ in range(2):
+        for message in (HEARTBEAT, ask):
+            datagram = message.pack(client, force_mavlink1=True)
+            vehicle.endpoint.receive(datagram, (0, ("client", 1)), vehicle.now_us)
+        vehicle.say(HEARTBEAT, port=2, component=190)
+        vehicle.wait(3_000_000)
+    assert {frame.is_version_1 for frame in vehicle.raw[1]} == {True}
+    assert {frame.is_version_1 for frame in vehicle.raw[2]} == {False}
+    assert [message.result for message in vehicle.take("COMMAND_ACK")] == [wire.MAV_RESULT_ACCEPTED] * 2
+    assert heard_texts(vehicle) == ["MAVLink 1: messages above 255 are not sent"]
+    assert vehicle.take("ATTITUDE")
+    assert vehicle.take("CURRENT_MODE", 2)
+    assert vehicle.endpoint.links["client:1"]["out"] == len(vehicle.raw[1])
+
+
+def test_controller_that_speaks_mavlink_1_flies_and_is_relayed_in_it(vehicle):
+    vehicle.endpoint.receive(
+        HEARTBEAT.pack(wire.MAVLink(None, 255, 190), force_mavlink1=True), (0, ("client", 2)), vehicle.now_us
+    )
+    vehicle.say(HEARTBEAT)
+    vehicle.wait()
+    relayed = [frame for frame in vehicle.raw[2] if frame.component == CONTROLLER]
+    assert [frame.is_version_1 for frame in relayed] == [True]

@@ -51,7 +51,6 @@ def scripted(**table: Any) -> Scenario:
     return validate(Scenario, {"name": "a", "description": "b", "duration_s": 1.0, **table}, "mine.toml")
 
 
-@pytest.mark.compiled
 def test_a_bias_is_there_from_its_sample_on_and_the_next_takes_its_place() -> None:
     first = GyroBias(kind="gyro_bias", at_s=1.0, bias_rad_s=(0.25, 0.0, -0.5))
     second = GyroBias(kind="gyro_bias", at_s=1.5, bias_rad_s=(0.0, 0.125, 0.0))
@@ -77,7 +76,6 @@ def test_drifts_of_the_bias_follow_each_other() -> None:
         scripted(event=[first, {**first, "at_s": 0.5}])
 
 
-@pytest.mark.compiled
 def test_noise_grows_by_its_factor_and_its_draws_stay() -> None:
     noisy = replace(QUIET, gyro=GyroFault())
     plain = fly(noisy)["gyro_B"]
@@ -118,7 +116,6 @@ def test_an_actuator_answers_with_its_new_lag() -> None:
         scripted(physics_rate_hz=500, event=[{"kind": "actuator_lag", "at_s": 0.0, "lag_s": 0.001}])
 
 
-@pytest.mark.compiled
 def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
     # Held: the same moment turns it the more slowly, by the inertias alone.
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(-0.05, 0.0, 0.0))
@@ -133,7 +130,6 @@ def test_a_payload_changes_mass_and_inertia_and_another_adds_to_it() -> None:
     np.testing.assert_allclose(acceleration[376:], 0.2 / 0.50, rtol=1e-9)
 
 
-@pytest.mark.compiled
 def test_a_free_vehicle_that_drops_its_payload_rises_until_the_height_is_held_again() -> None:
     free = replace(QUIET, translation="free", duration_s=8.0)
     drop = Payload(kind="payload", at_s=1.0, mass_kg=-2.0, inertia_kgm2=(0.0, 0.0, 0.0))
@@ -152,7 +148,6 @@ def test_a_payload_that_leaves_no_vehicle_is_refused_in_one_line() -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.compiled
 def test_a_flight_with_events_begins_like_one_without_and_twice_as_long_begins_identically() -> None:
     events = (
         GyroBias(kind="gyro_bias", at_s=1.0, bias_rad_s=(0.01, 0.0, 0.0), over_s=3.0),
@@ -188,7 +183,7 @@ def test_a_payload_as_a_share_is_that_part_of_the_vehicle_before_it() -> None:
 FREE = replace(QUIET, translation="free")
 
 
-@pytest.mark.parametrize(("share", "given"), [(0.0, 0.0), pytest.param(0.5, 12.25831, marks=pytest.mark.compiled)])
+@pytest.mark.parametrize(("share", "given"), [(0.0, 0.0), (0.5, 12.25831)])
 def test_a_failed_rotor_gives_its_share_at_once_and_drags_and_tilts_less(share: float, given: float) -> None:
     """Rotor 1 of the paper's, front right, in hover: what it loses is missing in thrust, roll, pitch and yaw."""
     records = fly(FREE, RotorFailure(kind="rotor_failure", at_s=1.0, rotor=1, share=share), setpoint=LevelFlight())
@@ -203,7 +198,6 @@ def test_a_failed_rotor_gives_its_share_at_once_and_drags_and_tilts_less(share: 
     np.testing.assert_allclose(turned * VEHICLE.inertia_B, records["torque_B"][AT], rtol=0.05)
 
 
-@pytest.mark.compiled
 def test_a_rotor_that_is_sound_again_leaves_no_trace() -> None:
     failure = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2)
     again = RotorFailure(kind="rotor_failure", at_s=1.0, rotor=2, share=1.0)

@@ -10,7 +10,10 @@ from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from firmware_model.config.waveforms import Constant, MomentRamp, MomentSine
 from firmware_model.numerics.rotations import euler_angles, from_euler
+from firmware_model.physics.battery import BatteryState
 from firmware_model.recording.journal import RECORD
+from firmware_model.sim.layout import X_BATTERY, X_LOAD
+from firmware_model.sim.state import initial_state
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Trim
 
@@ -61,14 +64,12 @@ def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:
     assert loop.observe().time_us == 4000
 
 
-@pytest.mark.compiled
 def test_the_on_board_loop_turns_to_an_attitude_and_holds_it() -> None:
     target = AttitudeTarget(time_us=0, q_NB=from_euler(0.3, -0.2, 0.5), omega_B=None, thrust=0.5)
     angles = euler_angles(fly(QUIET, target)["q_NB"])
     np.testing.assert_allclose(angles[-1], (0.3, -0.2, 0.5), atol=2e-3)
 
 
-@pytest.mark.compiled
 def test_the_on_board_loop_tracks_body_rates() -> None:
     target = AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.2, 0.0, -0.1), thrust=0.5)
     records = fly(QUIET, target)
@@ -76,7 +77,6 @@ def test_the_on_board_loop_tracks_body_rates() -> None:
     np.testing.assert_allclose(records["omega_command_B"][1:], [(0.2, 0.0, -0.1)] * (len(records) - 1))
 
 
-@pytest.mark.compiled
 def test_without_a_controller_the_vehicle_levels_itself_in_a_steady_torque() -> None:
     # .3 N m at 1e-6 rad/s and a quarter turn of phase: constant for the flight.
     push = MomentSine(kind="sine", amplitude_nm=(0.3, 0.0, 0.0), rate_rad_s=1e-6, phase_rad=math.pi / 2)
@@ -93,7 +93,6 @@ def test_lost_commands_on_their_way_are_dropped_when_the_controller_is_lost() ->
     assert abs(loop.advance(LevelFlight(), 0).view(RECORD)[0]["torque_command_B"][0]) < 1.0
 
 
-@pytest.mark.compiled
 def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_up() -> None:
     spin = AttitudeTarget(time_us=0, q_NB=None, omega_B=(30.0, 0.0, 0.0), thrust=0.5)
     loop = VehicleLoop(VEHICLE, QUIET, 1)
@@ -105,7 +104,6 @@ def test_the_torque_stays_inside_its_limit_and_the_rate_integral_does_not_wind_u
     assert min(rates) > -0.5 * max(rates)  # a wound-up integral would throw it far to the other side
 
 
-@pytest.mark.compiled
 def test_the_strapdown_attitude_follows_the_truth() -> None:
     loop = VehicleLoop(VEHICLE, QUIET, 1)
     target = AttitudeTarget(time_us=0, q_NB=from_euler(0.5, 0.4, -0.8), omega_B=None, thrust=0.5)
@@ -115,14 +113,12 @@ def test_the_strapdown_attitude_follows_the_truth() -> None:
     np.testing.assert_allclose(loop.estimate_q_NB, loop.q_NB, atol=1e-4)
 
 
-@pytest.mark.compiled
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     scenario = Scenario(name="s", description="", duration_s=0.5, wind=load_scenario("paper").wind)
     assert fly(scenario, LevelFlight(), 3).tobytes() == fly(scenario, LevelFlight(), 3).tobytes()
     assert fly(scenario, LevelFlight(), 3).tobytes() != fly(scenario, LevelFlight(), 4).tobytes()
 
 
-@pytest.mark.compiled
 def test_a_flight_twice_as_long_begins_identically() -> None:
     wind = load_scenario("paper").wind
     short = Scenario(name="s", description="", duration_s=0.5, wind=wind)
@@ -130,7 +126,6 @@ def test_a_flight_twice_as_long_begins_identically() -> None:
     assert fly(long, LevelFlight())[: short.samples].tobytes() == fly(short, LevelFlight()).tobytes()
 
 
-@pytest.mark.compiled
 def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
     wind = load_scenario("paper").wind
     sound = fly(Scenario(name="s", description="", duration_s=0.5, wind=wind), LevelFlight())
@@ -148,7 +143,6 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
         VehicleLoop(VEHICLE, QUIET, seed)
 
 
-@pytest.mark.compiled
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
     push = MomentSine(kind="sine", amplitude_nm=(0.5, 0.3, 0.1), rate_rad_s=2.0)
     loop = VehicleLoop(VEHICLE, replace(QUIET, moment=(push,)), 1, interactive=True)
@@ -168,7 +162,6 @@ def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
     assert not loop.finished
 
 
-@pytest.mark.compiled
 def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> None:
     records = fly(QUIET, torque(0.2))
     weight = VEHICLE.mass * GRAVITY
@@ -177,7 +170,6 @@ def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> 
     np.testing.assert_allclose(-records["rotors"] @ arms, records["torque_B"][:, 0], atol=1e-12)
 
 
-@pytest.mark.compiled
 def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
     wind = Constant(kind="constant", velocity_mps=(10.0, 5.0, 0.0))
     blown, still = fly(replace(QUIET, wind=(wind,)), LevelFlight()), fly(QUIET, LevelFlight())
@@ -186,7 +178,6 @@ def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
         assert blown[field].tobytes() == still[field].tobytes(), field
 
 
-@pytest.mark.compiled
 def test_on_board_loop_takes_over_with_the_moment_that_the_torque_held_against() -> None:
     moment, rise = 4.0, 250  # [N*m], and the samples of its growth; the controller allows for lag and delay
     late_s = VEHICLE.actuator_lag + QUIET.delay_samples * QUIET.dt
@@ -200,3 +191,48 @@ def test_on_board_loop_takes_over_with_the_moment_that_the_torque_held_against()
     )
     roll = np.degrees(euler_angles(q_NB)[:, 0])
     assert np.abs(roll[2 * rise :] - roll[2 * rise]).max() < 2.0  # from empty integrals it is 16
+
+
+@pytest.mark.parametrize("hold_s", [0.3, 3.0, 12.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 10.0, 20.0, 40.0])
+def test_set_point_that_the_ground_does_not_follow_winds_nothing_up(tilt_deg: float, hold_s: float) -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, translation="free"), 1, interactive=True)
+    half = math.radians(0.5 * tilt_deg)
+    standing = AttitudeTarget(time_us=0, q_NB=(math.cos(half), math.sin(half), 0.0, 0.0), omega_B=None, thrust=0.05)
+    for _ in range(round(250 * hold_s)):
+        loop.advance(standing, 0)
+        assert loop.on_ground
+    tilts = []
+    for _ in range(625):
+        loop.advance(standing._replace(q_NB=(1.0, 0.0, 0.0, 0.0), thrust=0.6), 0)
+        _, x, y, _ = loop.q_NB
+        tilts.append(math.degrees(math.acos(1.0 - 2.0 * (x * x + y * y))))
+    assert loop.true_vector("position_N")[2] < -1.0
+    assert max(tilts) < 2.0
+
+
+def test_torques_on_the_ground_leave_nothing_for_the_rate_loop_that_takes_over() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, translation="free"), 1, interactive=True)
+    for _ in range(500):
+        loop.advance(TorqueCommand(time_us=0, torque_B=(0.3, 0.3, 0.0), throttle=0.05), 0)
+    assert loop.on_ground
+    level = AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.05)
+    for _ in range(3):  # one acts a sample later, and is read a sample after that
+        loop.advance(level, 0)
+    loop.observe()
+    assert max(map(abs, loop.torque_command)) < 0.02
+
+
+@pytest.mark.parametrize("ahead", [(0.0, 0.0, 0.25), (0.0, 0.0, -0.25), (0.5, -0.125, 0.25)])
+def test_rates_beside_an_attitude_are_fed_forward_with_their_signs(ahead: tuple[float, float, float]) -> None:
+    scenario = replace(QUIET, duration_s=0.008)
+    target = AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=ahead, thrust=None)
+    record = fly(scenario, target)[-1]
+    assert tuple(record["omega_command_B"]) == ahead
+    assert np.array_equal(np.sign(record["torque_command_B"]), np.sign(ahead))
+
+
+def test_vehicle_begins_without_load_moment_or_applied_event() -> None:
+    state = initial_state(VEHICLE, QUIET, 1).state
+    assert not state[X_LOAD:X_BATTERY].any()
+    assert (X_BATTERY - X_LOAD, len(state) - X_BATTERY) == (5, len(BatteryState()))

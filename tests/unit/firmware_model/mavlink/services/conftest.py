@@ -55,6 +55,7 @@ class Craft:
     services: Service = field(default_factory=Service)
     clock_us: int = 0
     stamp_us: int = 0
+    system: int = 1
     applied: int = 0
     texts: list[str] = field(default_factory=list)
     shared: Peer = field(default_factory=Peer)
@@ -65,6 +66,9 @@ class Craft:
     def send_text(self, text: str, severity: int) -> None:
         assert len(text) <= 50
         self.texts.append(text)
+
+    def warn(self, text: str) -> None:
+        self.send_text(text, wire.MAV_SEVERITY_WARNING)
 
     def apply_parameters(self) -> None:
         self.applied += 1

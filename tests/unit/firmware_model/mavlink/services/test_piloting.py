@@ -2,9 +2,10 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode, Settings, TransitionResult
-from firmware_model.mavlink.services import piloting
+from firmware_model.mavlink.services import identity, piloting
 
-ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED = 0, 1, 2, 3
+ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
+STANDARD = wire.MAV_CMD_DO_SET_STANDARD_MODE
 ARM, MODE, TAKEOFF = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_DO_SET_MODE, wire.MAV_CMD_NAV_TAKEOFF
 
 
@@ -105,3 +106,37 @@ def test_old_set_mode_is_obeyed_and_its_refusal_told(service, craft, ask):
     assert craft.texts == [TransitionResult.NO_STREAM.value]
     ask(service, wire.MAVLink_set_mode_message(1, 0, Mode.LAND.value))
     assert craft.autopilot.mode is Mode.ALTCTL
+
+
+@pytest.mark.parametrize(
+    ("number", "mode"),
+    [
+        (wire.MAV_STANDARD_MODE_POSITION_HOLD, Mode.POSCTL),
+        (wire.MAV_STANDARD_MODE_ALTITUDE_HOLD, Mode.ALTCTL),
+        (wire.MAV_STANDARD_MODE_SAFE_RECOVERY, Mode.RETURN),
+        (wire.MAV_STANDARD_MODE_LAND, Mode.LAND),
+        (wire.MAV_STANDARD_MODE_TAKEOFF, Mode.TAKEOFF),
+    ],
+)
+def test_standard_mode_is_set_by_its_number(service, craft, order, number, mode):
+    assert order(service, STANDARD, float(number)) == (ACCEPTED, "")
+    assert craft.autopilot.mode is mode
+
+
+@pytest.mark.parametrize("number", [None, 0.0, float(wire.MAV_STANDARD_MODE_ORBIT), 99.0, -1.0])
+def test_standard_mode_that_this_vehicle_lacks_fails(service, craft, order, number):
+    assert order(service, STANDARD, number) == (FAILED, TransitionResult.NOT_FLOWN.value)
+    assert craft.autopilot.mode is Mode.STABILIZED
+
+
+def test_every_standard_mode_that_is_announced_can_be_set(service, craft, order):
+    shown = identity.make_service(craft).on_request[wire.MAVLINK_MSG_ID_AVAILABLE_MODES](0)
+    announced = [each.standard_mode for each in shown if each.standard_mode]
+    assert len(announced) == 5
+    assert {order(service, STANDARD, float(number))[0] for number in announced} == {ACCEPTED}
+
+
+def test_standard_mode_of_sticks_is_refused_to_who_moves_some(service, order, peer):
+    peer.moves_sticks = True
+    refused = (NOT_NOW, TransitionResult.STICKS.value)
+    assert order(service, STANDARD, float(wire.MAV_STANDARD_MODE_POSITION_HOLD)) == refused

@@ -3,10 +3,16 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.mavlink.frames import RejectReason
+from firmware_model.mavlink.frames import RejectReason, parse
 from firmware_model.mavlink.services import refusals
 
 ALL = 0o7777
+
+
+def received(message):
+    """Return the message as its receiver decodes it."""
+    (frame,) = parse(message.pack(wire.MAVLink(None, 255, 190)))
+    return frame.message()
 
 
 @pytest.fixture
@@ -43,6 +49,18 @@ CHANNELS = wire.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
         ),
         (wire.MAVLink_param_ext_request_read_message(1, 1, b"A", -1), "no extended parameters: use PARAM_*"),
         (wire.MAVLink_param_ext_request_list_message(1, 1), "no extended parameters: use PARAM_*"),
+        (wire.MAVLink_log_request_data_message(1, 1, 0, 0, 90), "no log on board: see the flight's recording"),
+        (wire.MAVLink_log_erase_message(1, 1), "no log on board: nothing to erase"),
+        (wire.MAVLink_mission_set_current_message(1, 1, 0), "no mission on board"),
+        (wire.MAVLink_setup_signing_message(1, 1, bytes(32), 1), "key not taken: start with --signing-key"),
+        (
+            wire.MAVLink_serial_control_message(10, 6, 0, 0, 3, [104, 101, 108] + [0] * 67),
+            "this vehicle has no serial port, and no shell",
+        ),
+        (
+            wire.MAVLink_follow_target_message(0, 0, 1, 0, 0, [0] * 3, [0] * 3, [1, 0, 0, 0], [0] * 3, [0] * 3, 0),
+            "follow-me not supported",
+        ),
     ],
 )
 def test_refusals_name_what_was_asked_for(service, craft, message, text, heard):
@@ -50,17 +68,12 @@ def test_refusals_name_what_was_asked_for(service, craft, message, text, heard):
     assert craft.texts == [text]
 
 
-def test_refusals_are_told_every_five_seconds(service, craft, heard):
-    for _ in range(501):  # a stream of 20 Hz, for 25 s
-        heard(service, local(0o7))
-        craft.clock_us += 50_000
-    assert craft.texts == ["position set-points rejected: send attitude"] * 6
-
-
 def test_refusals_of_two_kinds_do_not_wait_for_each_other(service, craft, heard):
     heard(service, local(0o7))
     heard(service, local(0o70))
-    assert len(craft.texts) == 2
+    heard(service, wire.MAVLink_log_request_data_message(1, 1, 0, 0, 90))
+    heard(service, wire.MAVLink_log_erase_message(1, 1))
+    assert len(craft.texts) == 4
 
 
 def test_refusals_acknowledge_an_extended_value_as_failed(service, craft, ask):
@@ -79,3 +92,40 @@ def test_refusals_answer_a_new_origin_by_the_one_that_holds(service, craft, ask)
 def test_refusals_note_who_moves_sticks(service, peer, heard, message):
     heard(service, message)
     assert peer.moves_sticks
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (wire.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0), "SET_HOME_POSITION"),
+        (wire.MAVLink_camera_trigger_message(0, 0), None),  # to nobody
+        (wire.MAVLink_fence_fetch_point_message(2, 1, 0), None),  # to another system
+        (wire.MAVLink_fence_fetch_point_message(1, 100, 0), None),  # to a camera
+        (wire.MAVLink_fence_fetch_point_message(1, 1, 0), "FENCE_FETCH_POINT"),
+        (wire.MAVLink_mission_ack_message(1, 1, 0), None),  # an answer
+        (wire.MAVLink_log_request_end_message(1, 1), None),
+    ],
+)
+def test_unread_message_to_this_autopilot_is_refused_by_its_name(craft, message, text):
+    why = refusals.refuse_unread(received(message), craft)
+    assert (why is RejectReason.REFUSED) is bool(text)
+    assert craft.texts == ([f"{text} not supported"] if text else [])
+
+
+@pytest.mark.parametrize("kind", wire.mavlink_map.values())
+def test_refusal_of_any_message_fits_a_statustext(craft, kind):
+    message = Addressed(kind.msgname, kind.id)
+    assert refusals.refuse_unread(message, craft) in (RejectReason.REFUSED, RejectReason.UNUSED_MESSAGE)
+
+
+class Addressed:
+    target_system = target_component = 1
+
+    def __init__(self, name: str, number: int) -> None:
+        self.name, self.number = name, number
+
+    def get_type(self) -> str:
+        return self.name
+
+    def get_msgId(self) -> int:
+        return self.number

@@ -6,6 +6,7 @@ from firmware_model.mavlink.services.service import Service, Stream
 
 SET, GET, ONCE = wire.MAV_CMD_SET_MESSAGE_INTERVAL, wire.MAV_CMD_GET_MESSAGE_INTERVAL, wire.MAV_CMD_REQUEST_MESSAGE
 ATTITUDE, HUD = wire.MAVLINK_MSG_ID_ATTITUDE, wire.MAVLINK_MSG_ID_VFR_HUD
+INTERVAL = wire.MAVLINK_MSG_ID_MESSAGE_INTERVAL
 ACCEPTED, NOT_NOW, DENIED, UNSUPPORTED = 0, 1, 2, 3
 PING, TARGET, MODES = wire.MAVLINK_MSG_ID_PING, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET, wire.MAVLINK_MSG_ID_AVAILABLE_MODES
 
@@ -94,3 +95,19 @@ def test_old_clients_set_the_rates_of_groups(service, ask, peer):
     assert peer.intervals == {ATTITUDE: None}
     ask(service, wire.MAVLink_request_data_stream_message(1, 1, wire.MAV_DATA_STREAM_ALL, 2, 1))
     assert peer.intervals == {ATTITUDE: 500_000, HUD: 500_000}  # of all groups, what is told here
+
+
+@pytest.mark.parametrize(("interval_us", "told"), [(5000, 5000), (None, -1)])
+def test_interval_is_requested_like_any_message(service, order, peer, interval_us, told):
+    peer.intervals[PING] = interval_us
+    assert order(service, ONCE, INTERVAL, PING) == (ACCEPTED, "")
+    (message,) = peer.take()
+    assert (message.get_type(), message.message_id, message.interval_us) == ("MESSAGE_INTERVAL", PING, told)
+
+
+@pytest.mark.parametrize(
+    ("number", "result"), [(None, DENIED), (-1.0, DENIED), (70_000.0, DENIED), (65.0, UNSUPPORTED)]
+)
+def test_interval_of_no_message_is_not_requested(service, order, peer, number, result):
+    assert order(service, ONCE, INTERVAL, number) == (result, "")
+    assert peer.sent == []

@@ -1,1 +1,0 @@
-"""Controllers of the literature, tuned for a vehicle at a price; entries of the league."""

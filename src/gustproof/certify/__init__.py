@@ -1,1 +1,0 @@
-"""Prove bounds on closed loops: gain, mu, boundedness; check certificates."""

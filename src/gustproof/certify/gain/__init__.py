@@ -1,1 +1,0 @@
-"""Certify the L2 gain of loops with real parameters that vary in time."""

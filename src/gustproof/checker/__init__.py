@@ -1,0 +1,1 @@
+"""Check certificates in exact arithmetic; nothing of the project is imported here."""

@@ -1,0 +1,1 @@
+"""The commands `gustproof campaign`: one scenario flown many times, a rare event, and one run again."""

@@ -1,0 +1,214 @@
+"""The command `gustproof campaign fly`: one scenario, flown many times."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.campaign.plan import (
+    Draws,
+    SamplingMethod,
+    ScenarioName,
+    SpreadKinds,
+    Workers,
+    describe_start,
+    make_plan,
+    open_pool,
+    print_status,
+)
+from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.flights import tell_rate
+from gustproof.cli.laws import default_law, find_law, on_vehicle
+from gustproof.cli.options import (
+    COMPILING,
+    SEED,
+    Anyway,
+    AsJson,
+    AutopilotName,
+    Build,
+    Force,
+    Params,
+    VehicleName,
+    check_output,
+    complete,
+    in_range,
+    print_json,
+    print_next,
+    progress,
+    working,
+)
+
+if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.flight.controllers.entry import Entry
+    from gustproof.studies.campaign.plan import Campaign, Contestant
+    from gustproof.studies.campaign.statistics import CampaignStatistics
+
+_FIGURES = (".csv", ".tex")
+
+
+def fly(
+    scenario: ScenarioName,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
+    law: Annotated[
+        list[str] | None,
+        typer.Option(help="A law, as of `fly`; repeat it [default: flagship].", autocompletion=complete("law")),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(help="FILE.py:MAKER or LIBRARY.so of your own; repeat it.", show_default=False),
+    ] = None,
+    autopilot: AutopilotName = None,
+    build: Build = "",
+    params: Params = "",
+    runs: Annotated[int, typer.Option(callback=in_range(1), help="Flights of each law.")] = 1000,
+    workers: Workers = None,
+    spread: SpreadKinds = None,
+    sampling: SamplingMethod = "uniform",
+    vehicle: VehicleName = "paper",
+    seed: Annotated[int, SEED] = 1,
+    figures: Annotated[
+        list[Path] | None,
+        typer.Option(help="Write figures with intervals here (.csv or .tex); repeat it.", show_default=False),
+    ] = None,
+    anyway: Anyway = False,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fly one scenario many times with varied parameters, and print statistics with confidence intervals.
+
+    Each flight has gusts and noise of its own, the same for every law. The table has a row for each run; it does not
+    depend on workers or interruptions. The same command resumes it; more --runs, or another --law, extend it.
+
+        gustproof campaign fly paper --law hinf-scheduled --law pid-fair -o mc.parquet
+        gustproof campaign fly paper-turbulence --autopilot px4 --runs 20 -o px4.parquet
+    """
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.show.report.campaign import render_campaign
+    from gustproof.show.report.terminal import show
+    from gustproof.studies.campaign.statistics import compute_statistics
+
+    _check_outputs(output, figures or [])
+    vehicles = load_vehicle_set(vehicle)
+    script = on_vehicle(load_scenario(scenario), vehicles.nominal)
+    contestants = _find_contestants(law or (), controller or (), autopilot, build, params, vehicles, script)
+    if not contestants:
+        contestants = _default_contestants(output if output.exists() else None, vehicles, script, quiet=as_json)
+    plan = make_plan(script, contestants, vehicles, Draws(runs, spread, sampling, seed), anyway=anyway)
+    _fly(plan, output, workers, quiet=as_json)
+    with working(f"statistics of {output}", quiet=as_json):
+        found = compute_statistics(output)
+    _save_figures(found, figures or [])
+    if as_json:
+        print_json(found.to_dict())
+        return
+    show(render_campaign(found))
+    print_next("report", output, "-o", output.with_suffix(".html"))
+
+
+def _find_contestants(
+    laws: Sequence[str],
+    controllers: Sequence[str],
+    autopilot: str | None,
+    build: str,
+    params: str,
+    vehicles: "VehicleSet",
+    script: "Scenario",
+) -> "tuple[Contestant, ...]":
+    from gustproof.flight.routes.external import ForeignAutopilot, check_guest
+
+    found: tuple[Contestant, ...] = (
+        *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),
+        *_find_entries(controllers),
+    )
+    if autopilot is None:
+        return found
+    flown = ForeignAutopilot(kind=autopilot, build=build, parameters=params)
+    check_guest(script, autopilot)
+    tell_rate(script, autopilot)
+    return (*found, flown)
+
+
+def _default_contestants(
+    table: Path | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool
+) -> "tuple[Contestant, ...]":
+    """Return the laws of a table that grows, else the default law."""
+    from gustproof.studies.campaign.reader import read_campaign
+
+    return (default_law(vehicles, script, quiet=quiet),) if table is None else read_campaign(table).laws
+
+
+def _check_outputs(output: Path, figures: Sequence[Path]) -> None:
+    """Refuse files that the command can't write."""
+    if not output.exists():  # a table grows, and is never overwritten
+        check_output(output, ".parquet", "a campaign's table")
+    for path in figures:
+        check_output(path, _FIGURES, "a file of figures")
+
+
+def _save_figures(found: "CampaignStatistics", figures: Iterable[Path]) -> None:
+    from gustproof.show.report.summary_files import save_csv, save_latex
+
+    for path in figures:
+        (save_csv if path.suffix == ".csv" else save_latex)(found, path)
+
+
+def _find_entries(sources: Iterable[str]) -> "list[Entry]":
+    """Return controllers that can fly in the processes of a campaign."""
+    from gustproof.flight.controllers.entry import EntryKind, parse_entry
+
+    entries = list(map(parse_entry, sources))
+    for entry in entries:
+        if entry.kind is EntryKind.PROGRAM:
+            raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
+    return entries
+
+
+def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool) -> None:
+    """Fly the missing runs, with progress on standard error."""
+    from gustproof.flight.routes.batch import is_cold
+    from gustproof.studies.campaign.growth import resume_campaign
+    from gustproof.studies.campaign.runner import fly_campaign
+
+    plan, known_runs = resume_campaign(output, plan)
+    if known_runs == plan.runs:
+        print_status(f"{output}: all {plan.runs:,} runs are there", quiet=quiet)
+        return
+    if known_runs:
+        print_status(f"{output}: {known_runs:,} of {plan.runs:,} runs are there", quiet=quiet)
+    if plan.scenario.has_link_script:
+        why = f"{plan.scenario.name} has link, mode or controller events"
+        print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
+    title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
+    begun = COMPILING * is_cold(plan.scenario)
+
+    def describe(flown: int) -> str:
+        return f"{title}: {flown:,} runs" if flown or not begun else f"{title}{begun}"
+
+    try:
+        with (
+            progress(describe_start(workers, title), quiet=quiet) as shown,
+            open_pool(workers) as pool,
+        ):
+            fly_campaign(
+                plan,
+                output,
+                pool,
+                progress=lambda flown, of: shown(flown / max(of, 1), describe(plan.runs - of + flown)),
+                known=output if known_runs else None,
+            )
+    except KeyboardInterrupt:
+        raise exit_with(f"interrupted; {_describe_kept(output)}", ExitStatus.INTERRUPTED) from None
+
+
+def _describe_kept(output: Path) -> str:
+    from gustproof.studies.campaign.store import parts_folder
+
+    parts = parts_folder(output)
+    if not any(parts.glob("*.arrow")):
+        return "no run was finished"
+    return f"finished runs are in {parts}, and the same command resumes from there"

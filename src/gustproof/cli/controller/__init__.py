@@ -1,0 +1,1 @@
+"""The commands `gustproof controller`: fly a controller against an autopilot, or check how it keeps to the protocol."""

@@ -1,0 +1,1 @@
+"""The commands `gustproof identify`: a vehicle from the log of a flight, or rate loops from a flight now."""

@@ -1,0 +1,164 @@
+"""The command `gustproof identify log`: vehicle, air and sensors from the log of a flight."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.options import AsJson, Force, check_output, parse_positive_vector, print_json, print_next, progress
+
+if TYPE_CHECKING:
+    from gustproof.logs.identify.air import IdentifiedAir
+    from gustproof.logs.identify.identification import Identification
+    from gustproof.logs.identify.vehicle_file import Known, VehicleFile
+    from gustproof.logs.read.flight_log import FlightLog
+
+_POSITIVE = 1e-6
+_Outputs = dict[str, Path | None]
+
+
+def identify(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            help="Log: ULog, DataFlash .bin, .tlog, our bag, a Crazyflie's log or .csv.", show_default=False
+        ),
+    ],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the vehicle here, a new .toml.")] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="Begin of the flight in the log [s], if not told.")
+    ] = None,
+    end: Annotated[float | None, typer.Option("--to", help="End of the flight in the log [s], if not told.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write curves and numbers here, a new .html.")] = None,
+    wind: Annotated[
+        Path | None, typer.Option(help="Write the disturbance as wind for `replay` here, a new .csv.")
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="Write a scenario of the same turbulence here, a new .toml.")
+    ] = None,
+    like: Annotated[
+        str | None, typer.Option(help="Vehicle that gives the numbers which no log shows [default: iris, scaled].")
+    ] = None,
+    mass: Annotated[float | None, typer.Option(min=_POSITIVE, help="Mass [kg].")] = None,
+    thrust_max: Annotated[float | None, typer.Option(min=_POSITIVE, help="Largest thrust of one rotor [N].")] = None,
+    inertia: Annotated[str | None, typer.Option(help="Moments of inertia x,y,z [kg*m^2], if known.")] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify a vehicle from the log of one flight: gains, lag, delay, damping, gyro noise, and the air it flew in.
+
+    Each number has a 95 % interval, which becomes its spread in the vehicle file.
+
+        gustproof identify flight.ulg -o my-quad.toml --mass 2.1 --report my-quad.html
+        gustproof identify runs/fly-001 -o my-quad.toml --wind gust.csv --scenario gust.toml
+
+    An axis that the flight does not excite is named, with the manoeuvre that would. `gustproof fly doublets` flies it.
+    """
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.logs.identify.identify_vehicle import identify as identified
+    from gustproof.logs.identify.vehicle_file import Known
+    from gustproof.logs.read.read_log import read_log
+
+    outputs = {"vehicle": output, "report": report, "wind": wind, "scenario": scenario}
+    suffixes = {"report": (".html", "a report"), "wind": (".csv", "a replay"), "scenario": (".toml", "a scenario")}
+    for kind, path in outputs.items():
+        suffix, name = suffixes.get(kind, (".toml", "a vehicle"))
+        check_output(path, suffix, name)
+    known = Known(
+        like=like,
+        mass=mass,
+        thrust_max=thrust_max,
+        inertia_B=None if inertia is None else parse_positive_vector("--inertia", inertia),
+    )
+    if like is not None:
+        load_vehicle(like)  # refused before the work, not after it
+    title = f"identify {log}"
+    with progress(f"reading {log}", quiet=as_json) as shown:
+        flight = _crop(read_log(log), begin, end)
+        found = identified(flight, progress=lambda share: shown(share, title))
+        vehicle, air, findings = _complete(flight, found, known, outputs)
+        _write(found, vehicle, air, findings, outputs)
+    if as_json:
+        from gustproof.show.report.vehicle_numbers import identification_document
+
+        print_json(
+            identification_document(found, air, findings)
+            | {"files": {kind: None if path is None else str(path) for kind, path in outputs.items()}}
+        )
+        return
+    from gustproof.show.report.terminal import show
+    from gustproof.show.report.vehicle_numbers import render_identification
+
+    show(render_identification(found, air, findings))
+    _tell_outputs(outputs, has_vehicle=vehicle is not None)
+
+
+def _tell_outputs(outputs: _Outputs, *, has_vehicle: bool) -> None:
+    """Print the files that are written, and the next command, or how to get a vehicle for it."""
+    for kind, path in outputs.items():
+        if path is not None:
+            print(f"{kind} in {path}")
+    if output := outputs["vehicle"]:
+        print_next("tune", output, "-o", output.with_suffix(".json"))
+    elif has_vehicle:
+        written = "no vehicle" if any(outputs.values()) else "nothing"
+        print(f"gustproof: {written} written: give -o my-quad.toml for the vehicle", file=sys.stderr)
+
+
+def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLog":
+    """Return the log with what is between `begin` and `end` [s] in the air, the ends of the log by default."""
+    if begin is None and end is None:
+        return log
+    first, last = (float(log.gyro.time[i]) for i in (0, -1))
+    begin, end = first if begin is None else begin, last if end is None else end
+    if not first <= begin < end <= last:
+        raise ConfigError(
+            f"--from {begin:g} --to {end:g}: must be in order and within the log, {first:g} .. {last:g} s"
+        )
+    return replace(log, airborne=((begin, end),))
+
+
+def _complete(
+    flight: "FlightLog", found: "Identification", known: "Known", outputs: _Outputs
+) -> tuple["VehicleFile | None", "IdentifiedAir | None", tuple[str, ...]]:
+    """Return vehicle and air as far as the log tells them, and all findings; what an output needs must be told."""
+    from gustproof.logs.identify.air import estimate_air
+    from gustproof.logs.identify.vehicle_file import make_vehicle_file
+    from gustproof.show.report.vehicle_numbers import doubts
+
+    name = (outputs["vehicle"] or Path(found.source)).stem
+    vehicle, air, findings = None, None, doubts(found)
+    try:
+        vehicle = make_vehicle_file(name, found, known)
+        air = estimate_air(flight, found, vehicle.vehicle)
+        vehicle = make_vehicle_file(name, found, known, air)
+    except ConfigError as error:
+        if outputs["wind"] or outputs["scenario"] or (outputs["vehicle"] and vehicle is None):
+            raise
+        findings.append(str(error))
+    findings += vehicle.findings if vehicle else ()
+    return vehicle, air, (*findings, *([air.doubt] if air and air.doubt else ()))
+
+
+def _write(
+    found: "Identification",
+    vehicle: "VehicleFile | None",
+    air: "IdentifiedAir | None",
+    findings: tuple[str, ...],
+    outputs: _Outputs,
+) -> None:
+    from firmware_model.config.files import write_text, write_toml
+    from gustproof.logs.identify.air import replay_text, turbulence_scenario
+    from gustproof.show.report.html.identification_page import write_identification_report
+
+    if vehicle is not None and (path := outputs["vehicle"]):
+        write_text(path, vehicle.text)
+    if vehicle is not None and air is not None and (path := outputs["wind"]):
+        write_text(path, replay_text(air, vehicle.vehicle))
+    if air is not None and (path := outputs["scenario"]):
+        write_toml(turbulence_scenario(path.stem, air, found), path)
+    if path := outputs["report"]:
+        write_identification_report(found, air, findings, path)

@@ -1,0 +1,1 @@
+"""Design laws for a vehicle."""

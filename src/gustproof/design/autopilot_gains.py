@@ -1,0 +1,436 @@
+"""Gains of PX4's and ArduPilot's own loops with the least attitude error in turbulence, at a given price.
+
+Sequential quadratic programming (SLSQP) on the logarithms of gains and filters' corners. The price is a sensitivity
+peak of each axis, another at the corners of the vehicle's spreads, and a torque slew pooled over the axes. Filters of
+the gyro are common to the axes. A parameter that the autopilot keeps as a whole number is rounded, and the others are
+searched again beside it.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from firmware_model.config.firmware import ardupilot_parameters, check_measured, is_measured, px4_parameters
+from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_parameters
+from firmware_model.config.scenario import Scenario, with_measured_delay
+from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.guest.guest import scenario_for
+from firmware_model.types import Vector
+from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
+from gustproof.airframe.output_rounding import rounding_slew
+from gustproof.airframe.predict import predict
+from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.design.loops.settings import AutopilotLoops, complete
+from gustproof.errors import DesignError
+from gustproof.law.cascade import AxisLaw
+from gustproof.law.form import Law, Matrix
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Lti, sensitivity
+
+_GRID = 120
+"""Number of frequencies, evenly spaced in the logarithm, at which sensitivity peaks are constrained."""
+_GRID_MARGIN = 2e-3
+"""[-] share of a peak reserved for a rise of the sensitivity between two frequencies of the grid."""
+_CORNER_PEAKS = (1.5, 2.5, 4.0)
+"""[-] sensitivity peaks at the corners of the spreads over the nominal one, tried in this order."""
+_SPEEDS = (1.0, 0.4)
+"""[-] of the starts, tried in this order until one leads to gains within the limits."""
+_START = (4.0, 8.0, 16.0, 0.3)
+"""[1/s, 1/s, 1/s^2, -] angle P, rate P, I and D of angular acceleration: stable at a lateness of `_LATENESS`."""
+_LATENESS = 0.054
+"""[s] actuator lag and delay for which `_START` is stated."""
+_LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
+"""[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
+_ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
+"""Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
+_LARGEST_CORNER = 0.45
+"""[-] largest corner of a filter as a share of the rate."""
+_K_STEPS, _K_MOST = 10.0, 5.0
+"""[-] steps of PX4's overall gains in 1, and the largest that it lists."""
+_UNSTABLE = 1e6
+"""[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
+_DIGITS, _SLEW_MARGIN = 5, 1e-4
+"""Significant digits of a parameter in a file; share of the slew reserved for the digits left out."""
+
+
+_LIMITS_OF_USERS = ("_SMAX", "_IMAX")
+"""Ends of the names of limits that are not gains: where a log measured the vehicle, its own are left alone."""
+
+
+class _Structure(NamedTuple):
+    """Parameters that are tuned, and those that are not left to the autopilot's defaults."""
+
+    own: tuple[tuple[str, ...], ...]
+    """Names for roll, pitch and yaw: angle P, rate P, I, D, then corners of filters."""
+    shared: tuple[str, ...]
+    """Names of corners common to the axes."""
+    corners: tuple[float, float]
+    """[Hz], [-] least corner of a filter, and largest as a share of the rate."""
+    angle_p: tuple[float, float, float]
+    """[1/s] largest angle P that ground stations take, about each axis."""
+    rate_max: tuple[str, str, str]
+    """Names of the largest commanded rate [deg/s] about each axis."""
+    rate_most: Mapping[str, float]
+    """[-] largest P and D of the rate loops in the autopilot's own list, above which its overall gain K is raised."""
+    fixed: Mapping[str, float]
+    """Values of others."""
+    notches: tuple[str, ...]
+    """Names of what switches a notch on; the others of a notch begin alike."""
+
+    def is_of_notch(self, name: str) -> bool:
+        """Return whether a parameter is one of a notch."""
+        return any(name.startswith(each[: each.rindex("_") + 1]) for each in self.notches)
+
+    def with_notches(self, flown: Mapping[str, float]) -> "_Structure":
+        """Return the structure with the notches of loops that are flown: the frame needs them, whatever the gains."""
+        return self._replace(fixed={**self.fixed, **{name: flown[name] for name in flown if self.is_of_notch(name)}})
+
+    def as_law(self, vehicle: Vehicle) -> "_Structure":
+        """Return the structure with the limit of rates that laws have, and filters as fast as samples allow."""
+        limit = min(math.degrees(vehicle.stabilizer.rate_limit), 1000.0)
+        corners = self.corners[0], _LARGEST_CORNER
+        return self._replace(corners=corners, rate_most={}, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
+
+    def within_ranges(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the same loops, P and D divided by an overall gain K where they are above `rate_most`, I with them."""
+        found = dict(values)
+        for _, *gains in (names[:4] for names in self.own):
+            excess = max((values[name] / self.rate_most[name] for name in gains if name in self.rate_most), default=0.0)
+            if excess > 1.0:
+                overall = min(math.ceil(_K_STEPS * excess) / _K_STEPS, _K_MOST)
+                found |= {f"{gains[0].removesuffix('P')}K": overall, **{name: values[name] / overall for name in gains}}
+        return found
+
+
+_PX4 = _Structure(
+    own=tuple(
+        tuple(f"MC_{axis}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for axis in ("ROLL", "PITCH", "YAW")
+    ),
+    shared=("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF"),
+    corners=(10.0, _LARGEST_CORNER),
+    angle_p=(12.0, 12.0, 5.0),
+    rate_max=("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"),
+    rate_most={"MC_ROLLRATE_P": 0.5, "MC_ROLLRATE_D": 0.01, "MC_PITCHRATE_P": 0.6, "MC_YAWRATE_P": 0.6},
+    fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
+                                       for each, value in (("K", 1.0), ("FF", 0.0))}},
+    notches=("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF1_FRQ"),
+)  # fmt: skip
+_ARDUPILOT = _Structure(
+    own=tuple(
+        (f"ATC_ANG_{axis}_P", *(f"ATC_RAT_{axis}_{each}" for each in ("P", "I", "D", "FLTD")))
+        for axis in ("RLL", "PIT", "YAW")
+    ),
+    shared=("INS_GYRO_FILTER",),
+    corners=(5.0, 0.25),
+    angle_p=(12.0, 12.0, 12.0),
+    rate_max=("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX"),
+    rate_most={},
+    fixed={f"ATC_RAT_{axis}_{each}": value for axis in ("RLL", "PIT", "YAW")
+           for each, value in (("FLTT", 100.0), ("FLTE", 0.0), ("FF", 0.0), ("SMAX", 0.0), ("IMAX", 1.0))},
+    notches=("INS_HNTCH_ENABLE", "INS_HNTC2_ENABLE"),
+)  # fmt: skip
+_STRUCTURES = {"px4": _PX4, "ardupilot": _ARDUPILOT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotTuning:
+    """Gains of an autopilot's own loops, and what they are predicted to do."""
+
+    kind: str
+    """Autopilot, by the names of `--autopilot`."""
+    parameters: dict[str, float]
+    """Gains and filters but notches, by name."""
+    law: Law
+    """Law that these loops are."""
+    rmse: float
+    """[rad] rms attitude error, pooled over the axes."""
+    seen_rmse: float
+    """[rad] the same of the attitude that the autopilot sees, which the search minimises."""
+    slew: float
+    """[N*m/s] rms torque slew, pooled over the axes, with that of rounded outputs."""
+    Ms: float
+    """[-] largest sensitivity peak of the axes."""
+    corner_Ms: float
+    """[-] the same at the corners of the vehicle's spreads."""
+
+    def describe_error(self) -> str:
+        """Return the predicted error, the true one first."""
+        own = f"{math.degrees(self.seen_rmse):.3g} deg by its own attitude, without the walk of the gyro's noise"
+        return f"error {math.degrees(self.rmse):.3g} deg ({own})"
+
+    def describe_notches(self) -> str:
+        """Return what the gains take for granted about notches."""
+        values = self.law.provenance.parameters
+        found = [name for name in _STRUCTURES[self.kind].notches if values.get(name)]
+        return f"designed with the notches of {', '.join(found)} as judged" if found else "designed without notches"
+
+
+def tune_gains(
+    kind: str,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+    *,
+    slew: float,
+    sensitivity_peak: float = 1.4,
+    in_simulation: bool = True,
+    flown: Mapping[str, float] = MappingProxyType({}),
+    progress: Callable[[float, str], None] = lambda _share, _text: None,
+) -> AutopilotTuning:
+    """Return the gains of `px4` or `ardupilot` with the least attitude error in the scenario's turbulence.
+
+    It is a local optimum from fixed starts: the same gains every time. The sensitivity peak [-] of each axis is at most
+    `sensitivity_peak`, the rms torque slew pooled over the axes at most `slew` [N*m/s]. The loops run at the rate of
+    the autopilot's simulation, which rounds its outputs. If not `in_simulation` they are a law for any vehicle: at the
+    scenario's rate, without mixer, with parameters per torque limit. Notches are those of the parameters that are
+    `flown`; without these, there are none.
+
+    Raises
+    ------
+    DesignError
+        If no such gains are found: the limits are too tight for this vehicle.
+    ConfigError
+        If the autopilot has no mixer for the vehicle, or a log that tells its commands did not excite yaw.
+    ValueError
+        If the scenario has no turbulence.
+    """
+    autopilot, vehicle = AUTOPILOTS[kind], vehicles.nominal
+    structure = _STRUCTURES[kind].with_notches(flown)
+    structure = structure if in_simulation else structure.as_law(vehicle)
+    if in_simulation:
+        check_measured(vehicle)
+    script, steps = (scenario_for(kind, scenario), autopilot.thrust_steps) if in_simulation else (scenario, 0)
+    script = with_measured_delay(script, vehicle)
+    step = vehicle.rotors.thrust_max / steps if steps else 0.0
+    rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
+    fixed = complete(autopilot, structure.fixed)
+    torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit
+    most = (1.0 - _SLEW_MARGIN) * math.sqrt(slew**2 - rounding**2)
+    whole = autopilot.whole if in_simulation else frozenset()
+    search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, most, torque, whole)
+    tries = list(product(_CORNER_PEAKS, _SPEEDS))
+    for number, (corner, speed) in enumerate(tries):
+        progress(number / len(tries), f"at most {corner * sensitivity_peak:.3g} off nominal")
+        values = search.run(corner, speed)
+        if values is not None:
+            break
+    else:
+        raise DesignError(
+            f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
+            f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
+        )
+    written = {name: float(f"{value:.{_DIGITS}g}") for name, value in structure.within_ranges(values).items()}
+    parameters = {**structure.fixed, **written}
+    law = autopilot_law(
+        kind,
+        parameters,
+        vehicle,
+        rate_hz=script.control_rate_hz,
+        full_torque=torque,
+        name=f"{kind}-{vehicle.name}",
+    ).law
+    predicted = predict(law, vehicle, script)
+    assert predicted is not None  # as for a law of torque
+    assert predicted.seen_rmse is not None  # on strapdown
+    nominal, corner = search.peaks(values)
+    return AutopilotTuning(
+        kind=kind,
+        parameters={name: value for name, value in parameters.items() if not structure.is_of_notch(name)},
+        law=law,
+        rmse=predicted.rmse,
+        seen_rmse=predicted.seen_rmse,
+        slew=math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, step, script.dt)),
+        Ms=nominal,
+        corner_Ms=corner,
+    )
+
+
+def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
+    """Write the parameters of a tuning, and of the vehicle's frame, as a file that ground stations load.
+
+    Where a log measured what a command gives, the frame is assumed: gains and filters alone are written.
+    """
+    curve = "THR_MDL_FAC" if tuning.kind == "px4" else "MOT_THST_EXPO"
+    if is_measured(vehicle):
+        frame, own = {}, [name for name in tuning.parameters if not name.endswith(_LIMITS_OF_USERS)]
+        note = "gains and filters alone, for the frame, motors and hover thrust of the log"
+    else:
+        frame, own = (
+            px4_parameters(vehicle) if tuning.kind == "px4" else ardupilot_parameters(vehicle),
+            [*tuning.parameters],
+        )
+        note = f"{curve} is not set here: it must make the thrust of your motors linear in the command"
+    values = {name: value for name, value in frame.items() if name != curve}
+    values |= {name: f"{tuning.parameters[name]:g}" for name in own}
+    head = [
+        f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
+        f"predicted: {tuning.describe_error()},",
+        f"torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}, {tuning.corner_Ms:.2f} over the file's spreads",
+        f"{note}; {tuning.describe_notches()}",
+    ]
+    write_parameters(values, path, GROUND_STATION_FORMS[tuning.kind], head)
+
+
+class _Search:
+    """Search for one vehicle and scenario.
+
+    The logarithms `z` are those of the own parameters of roll, pitch and yaw, then of the shared ones. `peak` is the
+    largest sensitivity peak [-] of each axis of the nominal vehicle, `torque` [N*m] that of a command of 1. The `whole`
+    parameters end at whole numbers.
+    """
+
+    def __init__(
+        self,
+        autopilot: AutopilotLoops,
+        structure: _Structure,
+        vehicles: VehicleSet,
+        scenario: Scenario,
+        peak: float,
+        slew: float,
+        torque: Vector,
+        whole: frozenset[str],
+    ) -> None:
+        self._autopilot, self._structure, self._slew = autopilot, structure, slew
+        self._fixed = complete(self._autopilot, self._structure.fixed)
+        self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
+        self._torque = torque
+        self._axes = list(
+            zip(*(axis_models(each, scenario) for each in (vehicles.nominal, *corner_vehicles(vehicles))), strict=True)
+        )
+        self._omega = np.geomspace(0.3, 0.999 * math.pi / scenario.dt, _GRID)
+        self._plants = [np.array([self._response(model) for model in models]) for models in self._axes]
+        self._peak = peak
+        self._names = [*(name for own in structure.own for name in own), *structure.shared]
+        self._whole = [place for place, name in enumerate(self._names) if name in whole]
+
+    def run(self, corner: float, speed: float) -> dict[str, float] | None:
+        """Return the parameters found from a start of a `speed` [-]; `None` if none are within the limits.
+
+        The peak off nominal is at most `corner` [-] times the nominal one.
+        """
+        peaks = self._peak * np.array([1.0, *[corner] * (len(self._axes[0]) - 1)])
+        start, low, high = self._start(speed)
+        z = self._search(start, low, high, peaks)
+        if z is not None and self._whole:  # the others make good for what rounding costs
+            z[self._whole] = low[self._whole] = high[self._whole] = np.log(np.round(np.exp(z[self._whole])))
+            z = self._search(z, low, high, peaks)
+        return None if z is None else self._name(np.exp(z))
+
+    def _search(self, z: Matrix, low: Matrix, high: Matrix, peaks: Matrix) -> Matrix | None:
+        """Return the best `z` found from a start, within the largest peaks [-]; `None` if there is none."""
+        room = _GRID_MARGIN
+        for _ in range(_ROUNDS):
+            found = self._minimize(z, low, high, np.log(peaks * (1.0 - room)))
+            if found is None:
+                return None
+            z = found
+            now = self.peaks(self._name(np.exp(z)))
+            excess = max(peak / allowed for peak, allowed in zip(now, peaks[[0, -1]], strict=True))
+            if excess <= 1.0:
+                return z
+            room += 1.1 * (excess - 1.0)
+        return None
+
+    def peaks(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Return the largest sensitivity peaks [-] of the nominal axes and off nominal; infinite if not stable."""
+        found = [
+            [_peak(model, self._law(axis, values).controller(model.plant.dt)) for model in models]
+            for axis, models in enumerate(self._axes)
+        ]
+        return max(each[0] for each in found), max(max(each[1:] or each) for each in found)
+
+    def _minimize(self, z: Matrix, low: Matrix, high: Matrix, log_peaks: Matrix) -> Matrix | None:
+        width = len(self._structure.own[0])
+
+        @cache  # a gain affects one axis, and the search evaluates error and margins at the same gains
+        def evaluate(axis: int, values: tuple[float, ...]) -> tuple[float, float, Matrix]:
+            return self._evaluate(axis, np.exp(values))
+
+        def evaluate_all(z: Matrix) -> list[tuple[float, float, Matrix]]:
+            own, shared = z[: 3 * width].reshape(3, width), z[3 * width :].tolist()
+            return [evaluate(axis, (*own[axis].tolist(), *shared)) for axis in range(3)]
+
+        def error(z: Matrix) -> float:
+            return 0.5 * math.log(sum(found[0] ** 2 for found in evaluate_all(z)) / 3.0)
+
+        def room(z: Matrix) -> Matrix:
+            found = evaluate_all(z)
+            pooled = 0.5 * math.log(sum(each[1] ** 2 for each in found) / 3.0)
+            margins = [(log_peaks[:, None] + each[2]).ravel() for each in found]
+            return np.append(np.concatenate(margins), math.log(self._slew) - pooled)
+
+        found = scipy.optimize.minimize(
+            error,
+            z,
+            method="SLSQP",
+            bounds=list(zip(low.tolist(), high.tolist(), strict=True)),
+            constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf),
+            options={"maxiter": _ITERATIONS, "ftol": 1e-7},
+        )
+        return found.x if np.min(room(found.x)) > -_TOLERANCE else None
+
+    def _evaluate(self, axis: int, values: Matrix) -> tuple[float, float, Matrix]:
+        """Return error [rad], slew [N*m/s] and the logarithm of each plant's return difference on the grid."""
+        names = (*self._structure.own[axis], *self._structure.shared)
+        controller = self._law(axis, dict(zip(names, values.tolist(), strict=True))).controller(1.0 / self._rate)
+        with np.errstate(all="ignore"):
+            error, slew = rms(self._axes[axis][0], controller)
+        if not (math.isfinite(error) and math.isfinite(slew)):
+            error = slew = _UNSTABLE
+        difference = 1.0 - controller.response(self._omega)[:, 0, 0] * self._plants[axis]
+        return min(error, _UNSTABLE), min(slew, _UNSTABLE), np.log(np.abs(difference))
+
+    def _law(self, axis: int, values: Mapping[str, float]) -> AxisLaw:
+        built = self._autopilot.build(axis, {**self._fixed, **values}, self._torque[axis], self._rate)
+        return built.axis_law(built.loop.order, None)
+
+    def _response(self, model: AxisModel) -> Matrix:
+        turn = np.exp(-1j * self._omega * model.plant.dt * model.delay_samples)
+        return np.asarray(model.plant.response(self._omega)[:, 0, 0] * turn)
+
+    def _start(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Return start, least and largest `z`."""
+        lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
+        usual = _LATENESS / lateness
+        angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
+        least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
+        filters = len(self._structure.own[0]) - 4
+        rows = []
+        for axis, largest in enumerate(self._structure.angle_p):
+            unit, slowest = self._vehicle.inertia_B[axis] / self._torque[axis], min(_LEAST_ANGLE_P * angle, largest)
+            rows += [(min(max(speed * angle, slowest), largest), slowest, largest)]
+            rows += [(speed * unit * p, _LEAST * unit * p, unit * p / _LEAST)]
+            rows += [(max(speed**2, _LEAST_I) * unit * i, _LEAST_I * unit * i, unit * i / _LEAST)]
+            rows += [(unit * d, _LEAST * unit * d, unit * d / _LEAST), *[(0.7 * most, least, most)] * filters]
+        rows += [(0.7 * most, least, most)] * len(self._structure.shared)
+        z, low, high = np.log(np.array(rows)).T
+        return z, low, high
+
+    def _name(self, values: Matrix) -> dict[str, float]:
+        return dict(zip(self._names, values.tolist(), strict=True))
+
+
+def corner_vehicles(vehicles: VehicleSet) -> list[Vehicle]:
+    """Return the vehicles with all inertias and the lag at the ends of their ranges; none without such a spread."""
+    inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
+    lags = [name for name in vehicles.spreads if name == "actuator_lag"]
+    ends = [(-1.0, 1.0) if names else (0.0,) for names in (inertias, lags)]
+    if not (inertias or lags):
+        return []
+    return [
+        vehicles.vehicle_at(dict.fromkeys(inertias, heavier) | dict.fromkeys(lags, slower))
+        for heavier, slower in product(*ends)
+    ]
+
+
+def _peak(model: AxisModel, controller: Lti) -> float:
+    found = sensitivity(open_loop(model, controller))
+    return hinf_norm(found).gain if found.is_stable() else math.inf

@@ -1,0 +1,1 @@
+"""Linear controllers of the literature, tuned for a vehicle."""

@@ -1,0 +1,166 @@
+"""ArduPilot's attitude and rate loops of a copter.
+
+    gyro > harmonic notches > low-pass = omega
+    target = angle P (attitude set-point - attitude) > low-pass FLTT;    e = target - omega > low-pass FLTE
+    torque = P e + I sum + D (slope of e > low-pass FLTD) + FF target
+
+A pass's rate loop runs before its estimator: its attitude, and so its target, is that of the previous sample.
+
+References
+----------
+ArduPilot, libraries AC_AttitudeControl, AC_PID, Filter and AP_InertialSensor, Copter 4.7-dev of July 2025: order of
+filters and loops, defaults.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+
+from firmware_model.config.firmware import ardupilot_full_torque, measured_torque
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import Vector
+from gustproof.design.loops.filters import LEAST_SHARE, Biquad, SampledAxisLoop, butterworth, notch, smoothing
+from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
+
+_NAMES = ("RLL", "PIT", "YAW")
+_NOTCHES = ("INS_HNTCH", "INS_HNTC2")
+_NOTCH_KEYS = ("FREQ", "BW", "ATT", "HMNCS", "OPTS")
+_DOUBLE, _TRIPLE, _HARMONICS = 1, 16, 16  # bits of OPTS, number of bits of HMNCS
+_NOTCH_END, _LOW_PASS_END = 0.48, 0.4  # shares of the sample rate above which a notch is off and a low-pass is cut
+# AP_Int8, AP_Int16 or AP_Int32 in AP_InertialSensor.h and HarmonicNotchFilter.h of Copter 4.6
+_WHOLE = frozenset({"INS_GYRO_FILTER", *(f"{each}_{key}" for each in _NOTCHES for key in ("ENABLE", "HMNCS", "OPTS"))})
+_UNMODELLED = ("SMAX", "PDMX", "D_FF", "NTF", "NEF")
+
+
+# @Range in AC_AttitudeControl.cpp, AC_AttitudeControl_Multi.cpp and AP_InertialSensor.cpp of Copter 4.6
+_DOCUMENTED: dict[str, tuple[float | None, float | None]] = {
+    **{f"ATC_ANG_{axis}_P": (3.0, 12.0) for axis in ("RLL", "PIT", "YAW")},
+    **{f"ATC_RAT_{axis}_P": (0.01, 0.5) for axis in ("RLL", "PIT")},
+    **{f"ATC_RAT_{axis}_I": (0.01, 2.0) for axis in ("RLL", "PIT")},
+    **{f"ATC_RAT_{axis}_D": (None, 0.05) for axis in ("RLL", "PIT")},
+    **{f"ATC_RAT_{axis}_FLTD": (5.0, 100.0) for axis in ("RLL", "PIT")},
+    "ATC_RAT_YAW_P": (0.1, 2.5),
+    "ATC_RAT_YAW_I": (0.01, 1.0),
+    "ATC_RAT_YAW_D": (None, 0.02),
+    "ATC_RAT_YAW_FLTD": (5.0, 50.0),
+    "INS_GYRO_FILTER": (None, 256.0),
+}
+
+
+def _settings() -> dict[str, Setting]:
+    found = {}
+    for name, (p, i, d), target, error in (
+        ("RLL", (0.135, 0.135, 0.0036), 20.0, 0.0),
+        ("PIT", (0.135, 0.135, 0.0036), 20.0, 0.0),
+        ("YAW", (0.18, 0.018, 0.0), 20.0, 2.5),
+    ):
+        found[f"ATC_ANG_{name}_P"] = Setting(4.5, 1e-3, 100.0)
+        rate = f"ATC_RAT_{name}_"
+        found[f"{rate}P"], found[f"{rate}I"], found[f"{rate}D"] = (
+            Setting(value, 0.0, high) for value, high in ((p, 100.0), (i, 1000.0), (d, 10.0))
+        )
+        found[f"{rate}FF"] = Setting(0.0, 0.0, 100.0)
+        found[f"{rate}FLTT"], found[f"{rate}FLTE"] = Setting(target, 0.0, 1000.0), Setting(error, 0.0, 1000.0)
+        found[f"{rate}FLTD"] = Setting(20.0, 0.0, 1000.0)
+    for letter in "RPY":
+        found[f"ATC_RATE_{letter}_MAX"] = Setting(0.0, 0.0, 1080.0)
+    found["INS_GYRO_FILTER"] = Setting(20.0, 0.0, 1000.0)
+    found["MOT_SPIN_MIN"], found["MOT_SPIN_MAX"] = Setting(0.15, 0.0, 0.3), Setting(0.95, 0.5, 1.0)
+    for each in _NOTCHES:
+        values = {"ENABLE": (0, 1), "FREQ": (80, 4000), "BW": (40, 2000), "ATT": (40, 200), "HMNCS": (3, 65535)}
+        found |= {f"{each}_{key}": Setting(value, 0.0, high) for key, (value, high) in values.items()}
+        found[f"{each}_OPTS"] = Setting(0.0, 0.0, 65535.0)
+    return found
+
+
+def _full_torque(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vector:
+    if measured := measured_torque("ardupilot", vehicle):
+        return measured  # at the range of thrust that was flown
+    roll, pitch, yaw = ardupilot_full_torque(vehicle)
+    span = parameters["MOT_SPIN_MAX"] - parameters["MOT_SPIN_MIN"]
+    return span * roll, span * pitch, span * yaw
+
+
+def _iter_notches(parameters: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
+    """Yield the filters of all harmonic notches that are on."""
+    for name in _NOTCHES:
+        if parameters[f"{name}_ENABLE"]:
+            yield from _harmonics({key: parameters[f"{name}_{key}"] for key in _NOTCH_KEYS}, rate_hz)
+
+
+def _harmonics(values: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
+    """Yield the filters of a harmonic notch; several beside each other share its bandwidth."""
+    bandwidth, options = values["BW"], int(values["OPTS"])
+    spread = (-1.0, 1.0) if options & _DOUBLE else (0.0, -1.0, 1.0) if options & _TRIPLE else (0.0,)
+    center = min(max(values["FREQ"], 0.52 * bandwidth), _NOTCH_END * rate_hz)
+    share = 0.5 * bandwidth / len(spread)
+    if not LEAST_SHARE * center < share < center:
+        return
+    ratio = (center / (center - share)) ** 2  # of the ends of the bandwidth
+    quality, depth = math.sqrt(ratio) / (ratio - 1.0), 10.0 ** (-values["ATT"] / 20.0)
+    wanted = [k * center for k in range(1, _HARMONICS + 1) if int(values["HMNCS"]) >> (k - 1) & 1]
+    for each in (frequency for frequency in wanted if frequency < _NOTCH_END * rate_hz):
+        for side in spread:
+            place = each * (1.0 + side * bandwidth / (32.0 * center))
+            yield notch(place, math.sin(2.0 * math.pi * place / rate_hz) / (2.0 * quality), depth, rate_hz)
+
+
+def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: float) -> LoopSignals:
+    name, dt = _NAMES[axis], 1.0 / rate_hz
+    P, I, D, FF = (parameters[f"ATC_RAT_{name}_{gain}"] for gain in ("P", "I", "D", "FF"))  # noqa: E741
+    to_target, to_error, to_slope = (
+        smoothing(parameters[f"ATC_RAT_{name}_{key}"], rate_hz) for key in ("FLTT", "FLTE", "FLTD")
+    )
+    loop = SampledAxisLoop(dt)
+    omega = loop.rate
+    for each in _iter_notches(parameters, rate_hz):
+        omega = loop.apply_filter(omega, each)
+    if parameters["INS_GYRO_FILTER"] > 0.0:
+        omega = loop.apply_filter(
+            omega, butterworth(min(parameters["INS_GYRO_FILTER"], _LOW_PASS_END * rate_hz), rate_hz)
+        )
+    commanded = parameters[f"ATC_ANG_{name}_P"] * (loop.reference - loop.attitude)
+    target = loop.smooth(commanded, to_target)
+    error = loop.smooth(target - omega, to_error)
+    before = loop.state()
+    integral = before + dt * error
+    torque = full_torque * (P * error + I * integral + FF * target)
+    if D > 0.0:
+        torque += full_torque * D * loop.smooth((error - loop.delay(error)) / dt, to_slope)
+    # Back-calculation, so that the integral empties with the time constant of the PI, as in `gustproof.law.cascade`.
+    loop.set_next(before, integral, dt / (full_torque * P) if P > 0.0 else 0.0)
+    most = parameters[f"ATC_RATE_{'RPY'[axis]}_MAX"]
+    return LoopSignals(loop, torque, commanded, math.radians(most) if most > 0.0 else None)
+
+
+def _remarks(given: Mapping[str, float]) -> list[str]:
+    found = ["saturation empties the integrals by back-calculation, where ArduPilot stops their growth"]
+    limits = ", ".join(f"{each} {given.get(f'ATC_RAT_{each}_IMAX', 0.5):g}" for each in _NAMES)
+    found.append(f"the integrals have no limit, where ATC_RAT_…_IMAX are {limits}")
+    found.append("angle errors beyond ATC_ACCEL_…_MAX / (2 P^2) ask for less rate than here")
+    found.append("set-points move at once here, ArduPilot shapes them by ATC_INPUT_TC and ATC_SLEW_YAW")
+    off = [f"ATC_RAT_{each}_{key}" for each in _NAMES for key in _UNMODELLED if given.get(f"ATC_RAT_{each}_{key}")]
+    found += [f"{', '.join(off)}: left out"] if off else []
+    for name in _NOTCHES:
+        if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 0.0):
+            found.append(f"{name}: taken at its {name}_FREQ, where ArduPilot moves it")
+    if given.get("MOT_THST_EXPO", 0.65):
+        found.append("MOT_THST_EXPO: taken to make the thrust linear in the command")
+    return found
+
+
+ARDUPILOT = AutopilotLoops(
+    name="ArduPilot",
+    version="Copter 4.7-dev of July 2025",
+    later=("", {}),
+    rate_hz=400,
+    settings=_settings(),
+    whole=_WHOLE,
+    documented=_DOCUMENTED,
+    family=("ATC_", "INS_GYRO_", "INS_HNT"),
+    known=r"ATC_RAT_(RLL|PIT|YAW)_(IMAX|SMAX|PDMX|D_FF|NTF|NEF)|ATC_(ACCEL|ANGLE|ANG_LIM|INPUT|LAND|SLEW|THR)_\w+|"
+    r"ATC_RATE_(FF_ENAB|WPY_MAX)|INS_GYRO_RATE|INS_HNTC[H2]_(MODE|REF|FM_RAT)",
+    full_torque=_full_torque,
+    build=_build,
+    thrust_steps=1000,  # microseconds of a pulse
+    remarks=_remarks,
+)

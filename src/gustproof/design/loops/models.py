@@ -1,0 +1,172 @@
+"""PX4's and ArduPilot's own loops as laws: from their parameters, or from a file of theirs.
+
+A law commands torque on the vehicle's rotors, by the scale of the autopilot's mixer. Its attitude is the gyro's
+strapdown: errors of the autopilot's estimator are not in it.
+
+Filters are built for the law's rate, as an autopilot builds its own for that of its samples. For a scenario of another
+rate ask for a law of that rate; such a law is not resampled.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from firmware_model.config.firmware import is_measured
+from firmware_model.config.parameter_files import SUFFIXES, read_parameters
+from firmware_model.config.validation import none_of
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.types import Vector
+from gustproof.design.loops.ardupilot_loops import ARDUPILOT
+from gustproof.design.loops.px4_loops import PX4
+from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, complete, describe_defaults, drop_fractions
+from gustproof.law.cascade import AxisLaw, cascade_law
+from gustproof.law.form import Law, Provenance
+from gustproof.version import __version__
+
+AUTOPILOTS: Mapping[str, AutopilotLoops] = {"px4": PX4, "ardupilot": ARDUPILOT}
+"""Loops by the names of `--autopilot`."""
+_FREE_RATE = 100.0
+"""[rad/s] limit of an axis without one beside an axis that has one: no gyro measures so much."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotLaw:
+    """Loops of an autopilot as a law.
+
+    Examples
+    --------
+    >>> from gustproof import load_vehicle
+    >>> from gustproof.design.loops.models import autopilot_law
+    >>> stock = autopilot_law("px4", {}, load_vehicle("paper"))
+    >>> (stock.law.name, stock.rate_hz)
+    ('px4', 250)
+    """
+
+    law: Law
+    """Torque law; its provenance has all parameters of the loops."""
+    rate_hz: int
+    """[Hz] rate of the law."""
+    thrust_step: float
+    """[N] step in which a rotor's thrust is told; 0 if it is not rounded. See `airframe.output_rounding`."""
+    remarks: tuple[str, ...]
+    """Parts of the loops that the law's form does not hold, a line each."""
+
+
+def autopilot_law(
+    kind: str,
+    parameters: Mapping[str, float],
+    vehicle: Vehicle,
+    *,
+    rate_hz: int | None = None,
+    full_torque: Vector | None = None,
+    name: str = "",
+) -> AutopilotLaw:
+    """Return the loops of `px4` or `ardupilot` on a vehicle; those not given are the autopilot's defaults.
+
+    By default the rate is that of the autopilot's simulation, 250 and 400 Hz. `full_torque` [N*m], that of a command
+    of 1, is by default what a log measured, or that of its mixer.
+
+    Raises
+    ------
+    ConfigError
+        If the autopilot is unknown, a value is out of range, or neither a log nor a mixer tells the torque of its
+        commands.
+    """
+    autopilot = AUTOPILOTS.get(kind)
+    if autopilot is None:
+        raise ConfigError(f"autopilot {none_of(kind, tuple(AUTOPILOTS))}")
+    values, rate = complete(autopilot, parameters), autopilot.rate_hz if rate_hz is None else rate_hz
+    full_torque = autopilot.full_torque(vehicle, values) if full_torque is None else full_torque
+    axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]
+    law = cascade_law(
+        name or kind,
+        _match(axes),
+        vehicle,
+        1.0 / rate,
+        Provenance(
+            design=f"loops of {autopilot.name}, {autopilot.version}, at {rate} Hz",
+            vehicle=vehicle.name,
+            parameters=values,
+            version=__version__,
+        ),
+    )
+    return AutopilotLaw(
+        law=law,
+        rate_hz=rate,
+        thrust_step=vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0,
+        remarks=(
+            *_strange(autopilot, parameters),
+            *_describe_command(vehicle),
+            *describe_defaults(autopilot, parameters),
+            *autopilot.remarks(parameters),
+        ),
+    )
+
+
+def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = None) -> AutopilotLaw:
+    """Return the loops of a parameter file, .params of QGroundControl or .param of ArduPilot, found by its names.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file, it is not of one of these autopilots, or see `autopilot_law`.
+    """
+    if path.suffix not in SUFFIXES:
+        raise ConfigError(f"{path}: a parameter file ends in {', '.join(SUFFIXES)}")
+    parameters = {name: float(value) for name, value in read_parameters(str(path), "").items()}
+    if wrong := [name for name, value in parameters.items() if not math.isfinite(value)]:
+        raise ConfigError(f"{path}: {wrong[0]} is not finite")
+    kinds = [kind for kind, each in AUTOPILOTS.items() if any(name.startswith(each.family) for name in parameters)]
+    if len(kinds) != 1:
+        found = "of both PX4 and ArduPilot" if kinds else "of PX4 (MC_…) or ArduPilot (ATC_…)"
+        raise ConfigError(f"{path}: must hold gains of one autopilot, there are {'those' if kinds else 'none'} {found}")
+    name = "-".join(filter(None, (kinds[0], re.sub(r"[^a-z0-9]+", "-", path.stem.lower()).strip("-"))))
+    kept = drop_fractions(AUTOPILOTS[kinds[0]], parameters)
+    try:
+        built = autopilot_law(kinds[0], kept, vehicle, rate_hz=rate_hz, name=name)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    return replace(built, remarks=(*_cut(AUTOPILOTS[kinds[0]], parameters, kept), *built.remarks))
+
+
+def _match(axes: Sequence[LoopSignals]) -> list[AxisLaw]:
+    """Return laws of one order, all with a limit of the commanded rate or none."""
+    order = max(each.loop.order for each in axes)
+    limits = [each.limit for each in axes]
+    if any(limits):
+        limits = [limit or _FREE_RATE for limit in limits]
+    return [each.axis_law(order, limit) for each, limit in zip(axes, limits, strict=True)]
+
+
+def _cut(autopilot: AutopilotLoops, parameters: Mapping[str, float], kept: Mapping[str, float]) -> list[str]:
+    return [
+        f"{name}: {value:g} is {kept[name]:g}, a whole number in {autopilot.name}"
+        for name, value in parameters.items()
+        if abs(kept[name] - value) > 1e-6
+    ]
+
+
+def _describe_command(vehicle: Vehicle) -> list[str]:
+    """Return remarks on what a log told, or did not tell, of the command; none if the rotors tell it."""
+    command = vehicle.command
+    if command is None or not is_measured(vehicle):
+        return []
+    limits = ", ".join(f"{limit / row:.3g}" for limit, row in zip(vehicle.torque_limit, vehicle.inertia_B, strict=True))
+    found = [f"a command of 1 gives {limits} rad/s^2, {1e3 * command.delay:.3g} ms late, as the log measured"]
+    if command.autopilot not in AUTOPILOTS:
+        found.append(
+            f"the log, of {command.autopilot}, does not tell whose commands it has: taken for this autopilot's"
+        )
+    if command.unmeasured:
+        found.append(f"{' and '.join(command.unmeasured)}: not measured, the torque is a guess from the other axes")
+    return found
+
+
+def _strange(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> list[str]:
+    """Return a remark on names that look as if they were of the loops, if there are such."""
+    names = [name for name in parameters if name.startswith(autopilot.family) and name not in autopilot.settings]
+    names = [name for name in names if not re.fullmatch(autopilot.known, name)]
+    return [f"not known: {', '.join(names)}"] if names else []

@@ -1,0 +1,123 @@
+"""Parameters of an autopilot's loops: defaults, ranges, and the axis that the loops are built from."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
+from firmware_model.types import Vector
+from gustproof.design.loops.filters import SampledAxisLoop
+from gustproof.law.cascade import AxisLaw
+from gustproof.law.form import Matrix
+
+_FEW = 4  # names that a remark lists
+_NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
+_AT_LIMIT = 1e-3  # relative distance within which a value is at a limit: the search stops as near
+
+
+class Setting(NamedTuple):
+    """A parameter: its default in the autopilot, and the values that are taken for no mistake."""
+
+    default: float
+    """Value without one in the file."""
+    low: float
+    """Least value."""
+    high: float
+    """Largest value."""
+
+
+class LoopSignals(NamedTuple):
+    """Loop of one axis, complete."""
+
+    loop: SampledAxisLoop
+    """States and their signals."""
+    command: Matrix
+    """Signal of the torque [N*m]."""
+    commanded: Matrix
+    """Signal of the rate commanded from attitude [rad/s]."""
+    limit: float | None
+    """[rad/s] largest commanded rate; `None` for none."""
+
+    def axis_law(self, order: int, limit: float | None) -> AxisLaw:
+        """Return the law of the axis with `order` states and another limit [rad/s]."""
+        return self.loop.law(self.command, self.commanded, limit, order)
+
+
+class AutopilotLoops(NamedTuple):
+    """Parameters of an autopilot's rate and attitude loops, and how to read a file of them."""
+
+    name: str
+    """Name for users."""
+    version: str
+    """Version whose equations and defaults these are."""
+    later: tuple[str, Mapping[str, float]]
+    """Version from which on defaults are others, and these [in their units]."""
+    rate_hz: int
+    """[Hz] rate of its loops in simulation."""
+    settings: Mapping[str, Setting]
+    """Parameters of the loops."""
+    whole: frozenset[str]
+    """Settings that the autopilot keeps as whole numbers; it drops a fraction."""
+    documented: Mapping[str, tuple[float | None, float | None]]
+    """Least and largest value [in its unit] in the autopilot's own documents; `None` for 0 or no limit."""
+    family: tuple[str, ...]
+    """Beginnings of names among which a name that is not known is told."""
+    known: str
+    """Regular expression of names among these that are not of the loops, or that remarks deal with."""
+    full_torque: Callable[[Vehicle, Mapping[str, float]], Vector]
+    """Vehicle and parameters to the torque [N*m] of a command of 1.0 about each axis: measured, or by the rotors."""
+    build: Callable[[int, Mapping[str, float], float, float], LoopSignals]
+    """Axis 0 to 2, parameters, that torque [N*m] and the rate [Hz] to the loop."""
+    thrust_steps: int
+    """Steps from no thrust to the largest in which outputs are told in simulation; 0 if they are not rounded."""
+    remarks: Callable[[Mapping[str, float]], list[str]]
+    """Parameters [in their units], with those not of the loops, to what the form does not hold of them."""
+
+    def describe_limit(self, name: str, value: float) -> str:
+        """Return what is to be said of a value at or beyond its documented limit; empty within."""
+        low, high = self.documented.get(name, (None, None))
+        if any(limit is not None and math.isclose(value, limit, rel_tol=_AT_LIMIT) for limit in (low, high)):
+            return f"{self.name}'s limit"
+        if high is not None and value > high:
+            return f"above {self.name}'s limit, {high:g}"
+        if low is not None and value < low:
+            return f"below {self.name}'s limit, {low:g}"
+        return ""
+
+
+def describe_defaults(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> list[str]:
+    """Return a remark on the defaults that fill up parameters, if there are such, and on those of later versions."""
+    missing = [name for name in autopilot.settings if name not in parameters]
+    if not missing:
+        return []
+    few = ", ".join(f"{name} {autopilot.settings[name].default:g}" for name in missing[:_FEW])
+    told = few if len(missing) <= _FEW else f"{len(missing)} of {len(autopilot.settings)} parameters"
+    version, later = autopilot.later
+    changed = [f"{name} {value:g} for {autopilot.settings[name].default:g}" for name, value in later.items()]
+    changed = [each for name, each in zip(later, changed, strict=True) if name in missing]
+    others = f"; since {version} {autopilot.name} has {', '.join(changed)}" if changed else ""
+    return [f"defaults of {autopilot.name} {autopilot.version} fill up {told}{others}"]
+
+
+def drop_fractions(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return parameters as the autopilot keeps them: those that are whole numbers there without their fractions."""
+    return {
+        name: float(math.trunc(value + math.copysign(_NEARLY, value))) if name in autopilot.whole else value
+        for name, value in parameters.items()
+    }
+
+
+def complete(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return all parameters of the loops, those not given at their defaults.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of range.
+    """
+    for name, value in parameters.items():
+        setting = autopilot.settings.get(name)
+        if setting is not None and not setting.low <= value <= setting.high:
+            raise ConfigError(f"{name}: is {value:g}, must be {setting.low:g} to {setting.high:g}")
+    return {name: parameters.get(name, setting.default) for name, setting in autopilot.settings.items()}

@@ -1,0 +1,1 @@
+"""Fly laws and controllers: endpoints, routes, recordings, scores."""

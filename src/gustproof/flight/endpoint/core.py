@@ -1,0 +1,164 @@
+"""Samples in, commands out: a law steps once a sample; a repeated sample gets the same command again."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
+from gustproof.flight.controllers.stepper import CheckedStepper
+from gustproof.flight.endpoint.attitude import SlowAttitude
+from gustproof.law.form import Law, Output
+from gustproof.law.step import LawStepper
+
+Flown = Law | CheckedStepper
+"""Law, or an entry that has been made."""
+References = Sequence[tuple[int, Vector]]
+_CORRECTION_RATE = 5.0  # [1/s]; a hundred times the leak of a law's estimate
+_LONGEST_CORRECTION_S = 0.1
+_LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
+
+
+def sample_time(law: Flown) -> float:
+    """Return the sample time [s] of a law or an entry.
+
+    Raises
+    ------
+    ValueError
+        If the entry takes any, and none has been set.
+    """
+    if law.dt is None:
+        raise ValueError(f"controller '{law.name}' has no sample time")
+    return law.dt
+
+
+class EntryStepper:
+    """An entry in flight, for a `Controller`: `gustproof.law.step.LawStepper` tells what the methods do."""
+
+    def __init__(self, entry: CheckedStepper, dt: float, scale: Vector) -> None:
+        self._entry, self._dt, self._scale = entry, dt, scale
+        self._bound = 1.0 if entry.output is Output.TORQUE else math.inf
+        self._reference = np.zeros(3)
+        self.restart()
+
+    def restart(self, _attitude: Vector | None = None) -> None:
+        """Return to the initial state; the reference stays."""
+        self._entry.reset()
+
+    def correct(self, attitude: Vector, share: float) -> None:
+        """Do nothing: an entry keeps its attitude to itself."""
+
+    def set_reference(self, euler: Vector) -> None:
+        """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""
+        self._reference = np.array(euler)
+
+    def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
+        """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
+        command = self._entry.step(np.array(gyro_B), self._reference.copy(), np.array(force_B), self._dt)
+        bound = self._bound
+        x, y, z = (
+            float(np.float32(min(max(each / one, -bound), bound)))
+            for each, one in zip(command, self._scale, strict=True)
+        )
+        return x, y, z
+
+
+class Controller:
+    """A law or an entry in flight, from its initial state with all states 0.
+
+    A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
+
+    `scale` is the command that is 1.0 on the wire: the published torque limits [N*m] B for torques, 1 rad/s for rates.
+    The command is divided by it and rounded to float32, as on every other route. `thrust` is sent beside rates, at
+    first the published hover thrust; beside torques the vehicle holds its height.
+
+    `missed` counts samples that the vehicle took between two steps of the law and that never came. The law's attitude
+    lacks the rotation in that time, unless the law is `interpolating`. It then steps at instants of its own, `dt`
+    apart, on gyro and force interpolated between samples: any stamps at nearly its rate will do.
+
+    `earth_rate_N` [rad/s] is the turn of the earth, known where an estimator has taken all but that from the rates.
+
+    `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
+    level before the first. If the law is interpolating, they count from the last sample that reset it.
+    """
+
+    def __init__(self, law: Flown, scale: Vector, thrust: float, references: References = ()) -> None:
+        self.thrust = thrust
+        self._law: LawStepper | EntryStepper
+        self._law = LawStepper(law, scale) if isinstance(law, Law) else EntryStepper(law, sample_time(law), scale)
+        self.torque = law.output is Output.TORQUE
+        self.interpolating = False
+        self.last_sample_us = -1
+        self.missed = 0
+        self._sample_us = round(sample_time(law) * 1e6)
+        self.fractions: Vector = (0.0, 0.0, 0.0)
+        self._references = deque(references)
+        self._began_us = self._step_at_us = 0
+        self._before: tuple[float, ...] = (0.0,) * 6
+        self._attitude: SlowAttitude | None = None
+        self.earth_rate_N: Vector | None = None
+
+    def answer(
+        self, sample: ImuSample, *, reset: bool = False, attitude: Vector | None = None
+    ) -> Command | RejectReason:
+        """Return the command for a sample; the law steps if the sample is newer than the last one.
+
+        With `reset` the law restarts first: another flew the vehicle until now. It starts at `attitude` [rad], if
+        given and if it has an attitude estimate; its heading is 0 there.
+        """
+        time_us = sample.time_us
+        if time_us < self.last_sample_us:
+            return RejectReason.STALE
+        if time_us > self.last_sample_us:
+            if reset:
+                self._law.restart(attitude)
+                self._attitude = SlowAttitude(attitude) if attitude else None
+                self.last_sample_us = -1
+                self._began_us = time_us if self.interpolating else 0
+            self.step(time_us, sample.gyro_B, sample.specific_force_B)
+        return self.command(time_us, self.fractions)
+
+    def correct(self, attitude: Vector, step_s: float) -> None:
+        """Correct the law's attitude estimate by the autopilot's [rad], `step_s` after the last correction.
+
+        The autopilot knows gravity and north: a law that integrates the gyro alone drifts, faster where samples are
+        lost. The law follows a `SlowAttitude`; without a start there is none, and no correction.
+        """
+        if self._attitude is not None:
+            step_s = min(step_s, _LONGEST_CORRECTION_S)
+            self._attitude.correct(attitude, self.earth_rate_N, step_s)
+            self._law.correct(self._attitude.angles, _CORRECTION_RATE * step_s)
+
+    def command(self, time_us: int, fractions: Vector) -> Command:
+        """Return `fractions` of `scale` as the command for the sample with this stamp."""
+        if self.torque:
+            return TorqueCommand(time_us=time_us, torque_B=fractions, throttle=None)
+        return AttitudeTarget(time_us=time_us, q_NB=None, omega_B=fractions, thrust=self.thrust)
+
+    def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> None:
+        """Step the law with a newer sample; its command is `fractions` of `scale`."""
+        while self._references and self._references[0][0] <= time_us - self._began_us:
+            self._law.set_reference(self._references.popleft()[1])
+        before_us, self.last_sample_us = self.last_sample_us, time_us
+        if time_us - before_us != self._sample_us and before_us >= 0:
+            self.missed += max(round((time_us - before_us) / self._sample_us) - 1, 0)
+        if self._attitude is not None:
+            self._attitude.add(gyro_B, 1e-6 * (time_us - before_us))
+        if self.interpolating:
+            self._interpolate(before_us, time_us, (*gyro_B, *force_B))
+        else:
+            self.fractions = self._law.step(gyro_B, force_B)
+
+    def _interpolate(self, before_us: int, time_us: int, now: tuple[float, ...]) -> None:
+        """Step the law at its own instants up to half a step after this sample."""
+        gap_us = time_us - before_us
+        if not 0 <= before_us < time_us <= before_us + _LONGEST_GAP_US:
+            self._step_at_us, self._before, gap_us = time_us, now, 1
+        while self._step_at_us <= time_us + self._sample_us // 2:
+            share = min(max((self._step_at_us - time_us) / gap_us + 1.0, 0.0), 1.0)
+            p, q, r, x, y, z = (old + share * (new - old) for old, new in zip(self._before, now, strict=True))
+            self.fractions = self._law.step((p, q, r), (x, y, z))
+            self._step_at_us += self._sample_us
+        self._before = now

@@ -1,0 +1,1 @@
+"""Judge by name what a controller does over MAVLink."""

@@ -1,0 +1,217 @@
+"""The direct route: plant kernel and law kernel in one compiled loop, without messages; equal to the bit to UDP."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.parameters import published_hover, published_limit
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from firmware_model.numerics.compiled import compiled
+from firmware_model.physics.sensors import float32
+from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
+from firmware_model.sim import inner_loop
+from firmware_model.sim.state import Array, initial_state
+from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
+from gustproof.flight.controllers.library import Library, call_step
+from gustproof.flight.controllers.stepper import CheckedStepper, StepError
+from gustproof.law.form import Law, Output
+from gustproof.law.references import references
+from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
+
+_AGE, _MODE = WIDTH - 2, WIDTH - 1
+
+
+class _DirectFlight(NamedTuple):
+    """Everything that the loop of a flight reads and writes."""
+
+    params: Array
+    """(n,) constants, see `sim.layout`, units there."""
+    state: Array
+    """(n,) state, see `sim.layout`, units there."""
+    waves: Array
+    """(n, WAVE) see `physics.disturbances`, units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
+    changes: Array
+    """(n, 3) scripted changes: sample, offset among the constants, value."""
+    mix: Array
+    """(n, 3) seeds of gusts and noise, and their factors [-], see `mixed_normals`."""
+    sample_us: int
+    """[us] sample time."""
+    law: SparseLaw
+    """Terms of the law, unused by a controller in C."""
+    step: int
+    """Address of the step of a controller in C; 0 for a law."""
+    reference: Array
+    """(samples, 3) [rad] phi, theta, psi."""
+    scale: Array
+    """(3,) [N*m or rad/s] B, command that is 1.0 on the wire."""
+    thrust: float
+    """[-] thrust beside rates; NaN beside torques."""
+    kind: float
+    """[-] kind of set-point, see `sim.inner_loop`."""
+    bound: float
+    """[-] largest magnitude of the command on the wire."""
+    z: Array
+    """(vector_size,) vector that the law sums, see `law.step`."""
+    command: Array
+    """(3,) [N*m or rad/s] B."""
+    work: Array
+    """(n,) next states of the law."""
+    ring: Array
+    """(delay + 1, SETPOINT_WIDTH) latest set-points."""
+    records: Array
+    """(samples, numbers) journal records."""
+
+
+def fly_direct(
+    scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
+) -> NDArray[np.void]:
+    """Fly a scenario without messages and return the journal's records (samples,) of its `record_type`.
+
+    `reference` (samples, 3) [rad] is the attitude phi, theta, psi to hold; the scenario's by default.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, the reference has another shape, or the script needs messages.
+        If a reference is not finite.
+
+    Examples
+    --------
+    >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle
+    >>> records = fly_direct(load_scenario("gust-roll"), load_law("hinf-d1"), vehicle=load_vehicle("paper"))
+    >>> (records["q_NB"].shape, float(records["time_us"][1]))
+    ((2500, 4), 4000.0)
+    """
+    check_compatible(scenario, law)
+    reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
+    if reference.shape != (scenario.samples, 3):
+        raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
+    if not np.isfinite(reference).all():
+        raise ValueError(f"reference is not finite from sample {int(np.argmin(np.isfinite(reference).all(axis=1)))} on")
+    flight = _make_flight(scenario, vehicle, seed, law)._replace(reference=reference)
+    _fly(flight)
+    return as_records(flight.records)
+
+
+def fly_library(
+    scenario: Scenario, library: Library, *, vehicle: Vehicle, seed: int = 1
+) -> tuple[NDArray[np.void], str]:
+    """Fly a scenario with a controller in C, without messages, its function called in the compiled loop.
+
+    Return the records up to its first command that is not finite, and that command in words, empty if there is none.
+
+    Raises
+    ------
+    ValueError
+        If its sample time is not the scenario's, the script needs messages, or it is in single precision.
+    """
+    check_compatible(scenario, library)
+    if library.is_single:
+        raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
+    flight = _make_flight(scenario, vehicle, seed, library)._replace(step=library.step)
+    flight.z[: library.order] = library.initial_state()
+    flown = _fly(flight)
+    fault = "" if flown == scenario.samples else ", ".join(f"{each:g}" for each in flight.command)
+    return as_records(flight.records[:flown]), fault
+
+
+def fly_stepper(
+    scenario: Scenario, stepper: CheckedStepper, *, vehicle: Vehicle, seed: int = 1
+) -> tuple[NDArray[np.void], StepError | None]:
+    """Fly a scenario with a controller object, without messages; return the records so far and its failure, if any.
+
+    The kernels are those of `fly_direct`, called sample by sample.
+
+    Raises
+    ------
+    ValueError
+        If the script needs messages.
+    """
+    check_compatible(scenario, stepper)
+    flight = _make_flight(scenario, vehicle, seed, stepper)
+    params, state, ring, sample_us = flight.params, flight.state, flight.ring, flight.sample_us
+    late, k = len(ring), 0
+    try:
+        with stepper.limit_time():
+            stepper.reset()
+            for k, record in enumerate(flight.records):
+                observe(params, state, flight.waves, flight.replay, flight.changes, flight.mix, k, sample_us, record)
+                # Copies: the controller may keep or change what it gets.
+                gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
+                flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
+                slot = ring[k % late]
+                slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
+                within = np.clip(flight.command / flight.scale, -flight.bound, flight.bound)
+                slot[1:4] = within.astype(np.float32)
+                advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
+    except StepError as failure:
+        return as_records(flight.records[:k]), failure
+    return as_records(flight.records), None
+
+
+def _make_flight(
+    scenario: Scenario, vehicle: Vehicle, seed: int, pilot: Law | Library | CheckedStepper
+) -> _DirectFlight:
+    """Return a flight that has not begun; its reference is the scenario's."""
+    terms = sparse_law(pilot) if isinstance(pilot, Law) else no_law()
+    sim, torque = initial_state(vehicle, scenario, seed), pilot.output is Output.TORQUE
+    records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
+    records[scenario.delay_samples :, _AGE] = scenario.delay_samples
+    records[:, _MODE] = Mode.OFFBOARD.value
+    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
+    ring[:, inner_loop.THRUST] = np.nan
+    return _DirectFlight(
+        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, terms, 0,
+        reference=references(scenario), scale=np.array(published_limit(vehicle)) if torque else np.ones(3),
+        thrust=np.nan if torque else published_hover(vehicle),
+        kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
+        z=np.zeros(vector_size(terms, pilot.order)), command=np.zeros(3), work=np.zeros(pilot.order), ring=ring,
+        records=records,
+    )  # fmt: skip
+
+
+def check_compatible(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
+    """Check that a law can fly a scenario without messages.
+
+    Raises
+    ------
+    ValueError
+        If the law's sample time is not the scenario's, or the script needs messages.
+    """
+    if scenario.has_link_script:
+        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+    if law.dt not in (None, scenario.dt):
+        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+
+
+@compiled
+def _fly(flight: _DirectFlight) -> int:
+    """Fly, and return the count of samples: fewer than all if a controller in C commands no finite number."""
+    params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
+    command, mix, sample_us = flight.command, flight.mix, flight.sample_us
+    n, late = flight.work.size, ring.shape[0]
+    for k in range(records.shape[0]):
+        record = records[k]
+        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, mix, k, sample_us, record)
+        for i in range(3):
+            z[n + i] = record[GYRO_B + i]
+            z[n + 3 + i] = flight.reference[k, i]
+            z[n + FORCE + i] = record[FORCE_B + i]
+        if flight.step != 0:
+            call_step(flight.step, z, z[n:], command)
+            if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
+                return k
+        else:
+            law_kernel(flight.law, z, command, flight.work)
+        slot = ring[k % late]
+        slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
+        for i in range(3):
+            slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
+        advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
+    return int(records.shape[0])

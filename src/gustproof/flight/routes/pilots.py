@@ -1,0 +1,78 @@
+"""Fly any pilot and name the end of its flight: in this process, or by MAVLink in lockstep if it is a program."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.vehicle import Vehicle
+from gustproof.flight.controllers.entry import Entry, EntryKind, Pilot
+from gustproof.flight.controllers.library import load_library
+from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
+from gustproof.flight.routes.direct import fly_direct, fly_library, fly_stepper
+from gustproof.flight.routes.loopback import fly_by_messages, fly_loopback
+from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.flight.routes.processes import fly
+from gustproof.types import Records
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PilotFlight:
+    """Result of a pilot's flight."""
+
+    records: Records
+    """(n,) journal records; fewer than the scenario has samples if the flight broke off."""
+    outcome: FlightOutcome
+    """End of the flight."""
+    message: str
+    """Outcome in one line, for people."""
+
+
+def fly_pilot(
+    scenario: Scenario, pilot: Pilot, *, vehicle: Vehicle, seed: int = 1, nominal: Vehicle | None = None
+) -> PilotFlight:
+    """Fly a scenario with a law or an entry and return what was flown, whatever its end.
+
+    The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown. If a
+    program's set-points stop, the vehicle's own loops fly on.
+
+    Raises
+    ------
+    ConfigError
+        If the entry can't be made.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from gustproof import fly_pilot, load_law, load_scenario, load_vehicle
+    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
+    >>> fly_pilot(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
+    'flown to the end'
+    """
+    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+        with TemporaryDirectory() as folder:
+            flight = fly(scenario, pilot, vehicle=vehicle, seed=seed, out=Path(folder))
+            return PilotFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
+    if isinstance(pilot, Entry):
+        return _fly_entry(scenario, pilot, vehicle, seed, vehicle if nominal is None else nominal)
+    route = fly_loopback if scenario.has_link_script else fly_direct
+    return _end(scenario, route(scenario, pilot, vehicle=vehicle, seed=seed), None)
+
+
+def _fly_entry(scenario: Scenario, entry: Entry, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
+    if scenario.has_link_script:
+        made = make_stepper(entry, nominal, scenario.dt)
+        return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
+    if entry.kind is EntryKind.LIBRARY and not (library := load_library(entry)).is_single:
+        records, fault = fly_library(scenario, library, vehicle=vehicle, seed=seed)
+        failure = StepError(StepFault.NOT_FINITE, f"controller '{entry.name}': commanded {fault}") if fault else None
+        return _end(scenario, records, failure)
+    return _end(scenario, *fly_stepper(scenario, make_stepper(entry, nominal), vehicle=vehicle, seed=seed))
+
+
+def _end(scenario: Scenario, records: Records, failure: StepError | None) -> PilotFlight:
+    outcome = infer_outcome(records, scenario)
+    if failure is not None and outcome is not FlightOutcome.DIVERGED:
+        outcome = FlightOutcome[f"CONTROLLER_{failure.fault.name}"]
+        return PilotFlight(records=records, outcome=outcome, message=f"{outcome.value} ({failure})")
+    return PilotFlight(records=records, outcome=outcome, message=describe(outcome, scenario, records))

@@ -1,1 +1,0 @@
-"""Read and write laws in other formats: C, MATLAB, CSV."""

@@ -1,0 +1,1 @@
+"""Write laws: MATLAB files, C, firmware."""

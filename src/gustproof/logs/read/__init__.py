@@ -1,0 +1,1 @@
+"""Flight logs of autopilots and of our own, read into one form."""

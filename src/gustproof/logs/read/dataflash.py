@@ -1,0 +1,228 @@
+"""Read an ArduPilot DataFlash log, .bin.
+
+Each message begins with A3 95 and its type; messages FMT give name, length, number formats and columns of the types.
+Damage is passed over to the next such begin. The gyro is the message of the highest rate; of nearly equal ones the one
+that is filtered less. Batches of the sampler (ISBD) are not used: they are bursts, in the sensor's own axes.
+
+References
+----------
+ArduPilot, `libraries/AP_Logger/README.md` and `LogStructure.h`; AP_Motors.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, fastest
+from gustproof.logs.read.kept import Kept, read_blocks
+from gustproof.logs.read.pulses import motor_commands
+from gustproof.types import Array
+
+_BEGIN = b"\xa3\x95"
+_FMT, _FMT_LENGTH = 128, 89
+MAGIC = _BEGIN + bytes((_FMT,))
+_FORMAT = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
+_PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
+_TYPES = {
+    **{
+        "b": "i1",
+        "B": "u1",
+        "M": "u1",
+        "h": "<i2",
+        "H": "<u2",
+        "i": "<i4",
+        "I": "<u4",
+        "L": "<i4",
+        "q": "<i8",
+        "Q": "<u8",
+    },
+    **{"f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "a": "(32,)<i2"},
+    **{"c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4"},
+}
+_HUNDREDTHS = "cCeE"
+_DEGREE = math.pi / 180.0
+_TAKEN_OFF, _ON_GROUND = 28, (11, 18)  # events NOT_LANDED; DISARMED, LAND_COMPLETE
+_OUTPUT = re.compile(r"C(?:h|han)?(\d{1,2})")
+
+
+class _Source(NamedTuple):
+    """Place of a signal in a log."""
+
+    message: str
+    columns: tuple[str, ...]
+    scale: float = 1.0
+    """SI unit of a step of its numbers."""
+
+
+_GYRO = ("GyrX", "GyrY", "GyrZ")
+_SIGNALS = {
+    "gyro": (
+        _Source("GYR", _GYRO),
+        _Source("IMU", _GYRO),
+        _Source("RATE", ("R", "P", "Y"), _DEGREE),
+    ),
+    "command": (_Source("RATE", ("ROut", "POut", "YOut")),),
+    "accelerometer": (_Source("IMU", ("AccX", "AccY", "AccZ")),),
+    "attitude": (_Source("ATT", ("Roll", "Pitch", "Yaw"), _DEGREE),),
+    "reference": (_Source("ATT", ("DesRoll", "DesPitch", "DesYaw"), _DEGREE),),
+}
+"""Sources of each signal, the best first."""
+_KEPT = {source.message for sources in _SIGNALS.values() for source in sources} | {"RCOU", "EV", "PARM", "ISBH"}
+
+
+class _Parser:
+    """State of reading: formats, messages that are kept, and damage."""
+
+    def __init__(self) -> None:
+        self.kept = Kept()
+        self.damaged = 0
+        self.layouts: dict[str, tuple[np.dtype[np.void], str]] = {}
+        self._lengths = {_FMT: _FMT_LENGTH}
+        self._names: dict[int, str] = {}
+
+    def consume(self, buffer: bytes, place: int) -> int:
+        """Take the whole messages of a buffer, see `read_blocks`."""
+        at, end, names, lengths = 0, len(buffer), self._names, self._lengths
+        while at + 3 <= end:
+            kind = buffer[at + 2]
+            length = lengths.get(kind, 0) if buffer.startswith(_BEGIN, at) else 0
+            if length == 0:
+                found = buffer.find(_BEGIN, at + 1)
+                self.damaged -= at
+                at = found if found >= 0 else end - 1  # which may begin one
+                self.damaged += at
+                continue
+            if at + length > end:
+                break
+            if kind == _FMT:
+                self._on_format(buffer[at + 3 : at + length])
+            elif (name := names.get(kind)) is not None:
+                self.kept.add(name, place + at, buffer[at + 3 : at + length])
+            at += length
+        return at
+
+    def _on_format(self, message: bytes) -> None:
+        row = np.frombuffer(message, dtype=_FORMAT)[0]
+        kind, length = int(row["type"]), int(row["length"])
+        name, letters, columns = (bytes(row[key]).decode("ascii", "replace") for key in ("name", "format", "columns"))
+        if length < 3 or kind in self._lengths:
+            return
+        self._lengths[kind] = length
+        layout = _layout(letters, columns.split(","))
+        if name in _KEPT and name not in self.layouts and layout is not None and layout.itemsize == length - 3:
+            self._names[kind], self.layouts[name] = name, (layout, letters)
+
+    def message(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+        """Return places and messages of a name, of the first instance if there are many."""
+        if name not in self.kept:
+            return np.empty(0, dtype=np.int64), np.empty(0, dtype=[("TimeUS", "<u8")])
+        places, table = self.kept.table(name, self.layouts[name][0])
+        if "I" in (table.dtype.names or ()):
+            first = table["I"] == 0
+            places, table = places[first], table[first]
+        return places, table
+
+    def rows(self, source: _Source) -> Rows | None:
+        """Return the samples of a signal; `None` if they are not logged."""
+        places, table = self.message(source.message)
+        if len(table) == 0 or not {*source.columns} <= {*(table.dtype.names or ())}:
+            return None
+        values = np.column_stack([self._numbers(source.message, table, column) for column in source.columns])
+        return Rows(position=places, time_us=self._stamps(table), values=values * source.scale)
+
+    def _numbers(self, name: str, table: NDArray[np.void], column: str) -> Array:
+        layout, letters = self.layouts[name]
+        letter = letters[(layout.names or ()).index(column)]
+        if letter in "nNZa":
+            raise ValueError(f"{name}.{column} is no number")
+        return table[column].astype(np.float64) * (0.01 if letter in _HUNDREDTHS else 1.0)
+
+    def _stamps(self, table: NDArray[np.void]) -> Array:
+        """Return the times [us] (n,) of messages; a raw sample has its own."""
+        names = table.dtype.names or ()
+        for column, unit_us in (("SampleUS", 1.0), ("TimeUS", 1.0), ("TimeMS", 1000.0)):
+            if column in names and table.dtype[column].kind in "iu":
+                return table[column].astype(np.float64) * unit_us
+        raise ValueError("messages without a time")
+
+
+def _layout(letters: str, columns: list[str]) -> np.dtype[np.void] | None:
+    """Return the layout of a message by the formats and names of its columns; `None` if they are no sound ones."""
+    if len(columns) != len(letters) or len({*columns, ""}) <= len(columns) or not {*letters} <= _TYPES.keys():
+        return None
+    return np.dtype([(column, _TYPES[letter]) for column, letter in zip(columns, letters, strict=True)])
+
+
+def read_dataflash(path: Path) -> Draft:
+    """Return the signals of a log.
+
+    Raises
+    ------
+    OSError
+        If the file can't be read.
+    ValueError
+        If it holds too much.
+    """
+    parser = _Parser()
+    left = read_blocks(path, parser.consume)
+    parameters = _parameters(parser)
+    draft = Draft(source=path.name, system="ardupilot", rows={}, parameters=parameters.values)
+    for signal, sources in _SIGNALS.items():
+        found = [rows for source in sources if (rows := parser.rows(source)) is not None]
+        if found:
+            draft.rows[signal] = fastest(found)
+    for signal in ("attitude", "reference"):
+        if signal in draft.rows:
+            draft.rows[signal].values[:, 2] = (
+                np.remainder(draft.rows[signal].values[:, 2] + math.pi, 2.0 * math.pi) - math.pi
+            )
+    if (motors := _motors(parser, parameters.values)) is not None:
+        draft.rows["motors"] = motors
+    draft.in_air = _in_air(parser)
+    draft.findings += [*_findings(parser, left), *parameters.findings()]
+    return draft
+
+
+def _parameters(parser: _Parser) -> LoggedParameters:
+    parameters = LoggedParameters()
+    _, table = parser.message("PARM")
+    if {"Name", "Value"} <= {*(table.dtype.names or ())} and table.dtype["Name"].kind == "S":
+        for name, value in zip(table["Name"].tolist(), table["Value"].astype(np.float64).tolist(), strict=True):
+            if _PARAMETER.fullmatch(text := name.decode("ascii", "replace")):
+                parameters.add(text, value)
+    return parameters
+
+
+def _motors(parser: _Parser, parameters: dict[str, float]) -> Rows | None:
+    """Return the commands 0..1 of the motors."""
+    _, table = parser.message("RCOU")
+    outputs = {int(match[1]): name for name in table.dtype.names or () if (match := _OUTPUT.fullmatch(name))}
+    if not outputs or (rows := parser.rows(_Source("RCOU", tuple(outputs.values())))) is None:
+        return None
+    values = motor_commands(dict(zip(outputs, rows.values.T, strict=True)), parameters)
+    return None if values is None else replace(rows, values=values)
+
+
+def _in_air(parser: _Parser) -> Rows | None:
+    """Return the changes between ground and air; `None` if no take-off is told."""
+    events = parser.rows(_Source("EV", ("Id",)))
+    if events is None or not np.any(events.values == _TAKEN_OFF):
+        return None
+    which = np.isin(events.values[:, 0], (_TAKEN_OFF, *_ON_GROUND))
+    values = (events.values[which] == _TAKEN_OFF).astype(np.float64)
+    return Rows(position=events.position[which], time_us=events.time_us[which], values=values)
+
+
+def _findings(parser: _Parser, left: int) -> Iterator[str]:
+    if parser.damaged:
+        yield f"file: {parser.damaged:,} bytes are damaged: left out"
+    if left > 1:
+        yield f"file: it ends within a message, {left:,} bytes of it are there"
+    if "ISBH" in parser.kept:
+        yield "gyro: batches of the sampler (ISBD) are not used"

@@ -1,0 +1,56 @@
+"""One flight as its log has it, in SI units and body axes front, right, down (B), whatever the file's format."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from gustproof.types import Array
+
+
+class CommandUnit(Enum):
+    """Unit of a log's torque command."""
+
+    NEWTON_METRES = "N m"
+    """Physical torque."""
+    NORMALISED = "1"
+    """Share of the autopilot's full scale, -1 to 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LogSignal:
+    """A quantity against time; samples need not be even, and lost ones are absent."""
+
+    time: Array
+    """(n,) [s] strictly increasing, on the clock that all signals of the log share."""
+    values: Array
+    """(n, k) in SI units."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlightLog:
+    """Signals and facts of one log; a signal that the log lacks is `None`."""
+
+    source: str
+    """Name of the file."""
+    system: str
+    """Writer of the log: px4, ardupilot, gustproof, crazyflie or csv."""
+    gyro: LogSignal
+    """(n, 3) [rad/s] B."""
+    command: LogSignal | None = None
+    """(n, 3) B, torque commanded about roll, pitch and yaw, in `command_unit`."""
+    command_unit: CommandUnit = CommandUnit.NORMALISED
+    """Unit of `command`."""
+    motors: LogSignal | None = None
+    """(n, m) [0..1] command of each motor."""
+    accelerometer: LogSignal | None = None
+    """(n, 3) [m/s^2] B, specific force."""
+    attitude: LogSignal | None = None
+    """(n, 3) [rad] Euler angles phi, theta, psi as the autopilot estimates them."""
+    reference: LogSignal | None = None
+    """(n, 3) [rad] commanded Euler angles."""
+    airborne: tuple[tuple[float, float], ...] = ()
+    """[s] begin and end of each stretch in the air."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of the autopilot by name, [in its own units], as logged."""
+    findings: tuple[str, ...] = ()
+    """Shortcomings of the log, a line each: absent, clipped, lost or too slow signals."""

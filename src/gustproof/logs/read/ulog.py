@@ -1,0 +1,301 @@
+"""Read a PX4 log, ULog.
+
+A message has a size (uint16) and a kind, a letter. F names the fields of a topic, A gives a topic a number, and D is a
+sample of a number. P is a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
+
+The gyro is the topic of the highest rate; of nearly equal ones the one that is filtered less. `sensor_combined` is a
+mean over its interval, so its stamps are put in the middle. A command has the stamp of its message.
+
+References
+----------
+PX4, *ULog File Format*, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+"""
+
+import re
+import struct
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest
+from gustproof.logs.read.kept import Kept, read_blocks
+from gustproof.types import Array
+
+MAGIC = b"ULog\x01\x12\x35"
+_SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+_HEADER = 16  # [bytes]
+_DATA = ord("D")
+_TYPES = {
+    **{f"int{bits}_t": f"<i{bits // 8}" for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}_t": f"<u{bits // 8}" for bits in (8, 16, 32, 64)},
+    **{"float": "<f4", "double": "<f8", "bool": "u1", "char": "u1"},
+}
+_FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
+_SAMPLE, _MESSAGE = "timestamp_sample", "timestamp"
+_MOST_RAW = 4_000_000  # samples of the gyro: eight minutes at 8 kHz; of longer logs the other topics are used
+_LONGEST = 64  # numbers of a field
+_PWM = (1000.0, 2000.0)  # [us] motor off and full, where only its output is logged
+
+
+class _Field(NamedTuple):
+    """A field of a topic."""
+
+    type: str
+    length: int
+    offset: int
+
+
+class _Parser:
+    """State of reading: topics, samples that are kept, parameters, and damage."""
+
+    def __init__(self, topics: Iterable[str]) -> None:
+        self.kept = Kept()
+        self.parameters = LoggedParameters()
+        self.damaged = self.dropouts = self.dropped_ms = 0
+        self._topics = frozenset(topics)
+        self._fields: dict[str, dict[str, _Field]] = {}
+        self._numbers: dict[int, str] = {}
+        self._lengths: dict[str, int] = {}
+        self._messages: dict[int, Callable[[bytes], None]] = {
+            ord("A"): self._on_topic,
+            ord("B"): self._on_flags,
+            ord("F"): self._on_format,
+            ord("O"): self._on_dropout,
+            ord("P"): self._on_parameter,
+        }
+
+    def consume(self, buffer: bytes, place: int) -> int:
+        """Take the whole messages of a buffer, see `read_blocks`."""
+        at, end = 0 if place else _HEADER, len(buffer)
+        while at + 3 <= end:
+            size, kind = buffer[at] | buffer[at + 1] << 8, buffer[at + 2]
+            if size == 0 or not 65 <= kind <= 90:  # no letter
+                marker = buffer.find(_SYNC, at + 4) - 3
+                self.damaged -= at
+                at = marker if marker > at else max(at + 1, end - len(_SYNC) - 3)
+                self.damaged += at
+                continue
+            after = at + 3 + size
+            if after > end:
+                break
+            if kind == _DATA:
+                self._on_data(buffer, at + 3, after, place)
+            elif (handle := self._messages.get(kind)) is not None:
+                handle(buffer[at + 3 : after])
+            at = after
+        return min(at, end)
+
+    def _on_data(self, buffer: bytes, begin: int, end: int, place: int) -> None:
+        topic = self._numbers.get(buffer[begin] | buffer[begin + 1] << 8) if end - begin > 2 else None
+        if topic is None:
+            return
+        if self._lengths.setdefault(topic, end - begin - 2) != end - begin - 2:
+            self.damaged += end - begin
+            return
+        self.kept.add(topic, place + begin, buffer[begin + 2 : end])
+
+    def _on_topic(self, message: bytes) -> None:
+        instance, number = struct.unpack_from("<BH", message)
+        topic = message[3:].decode(errors="replace")
+        if instance == 0 and topic in self._topics and topic not in self._numbers.values():
+            self._numbers[number] = topic
+
+    def _on_format(self, message: bytes) -> None:
+        topic, _, text = message.decode(errors="replace").partition(":")
+        if topic not in self._topics:
+            return
+        fields, offset = dict[str, _Field](), 0
+        for item in text.split(";"):
+            match = _FIELD.fullmatch(item)
+            if match is None or match[1] not in _TYPES:  # the end, or a nested type: nothing that is used is behind one
+                break
+            kind, count = _TYPES[match[1]], int(match[2] or 1)
+            fields[match[3]] = _Field(kind, count, offset)
+            offset += count * np.dtype(kind).itemsize
+        self._fields.setdefault(topic, fields)
+
+    def _on_parameter(self, message: bytes) -> None:
+        kind, _, name = message[1 : 1 + message[0]].decode(errors="replace").partition(" ")
+        value = message[1 + message[0] :]
+        if kind in ("float", "int32_t") and len(value) == 4 and name.isidentifier():
+            self.parameters.add(name, float(struct.unpack("<f" if kind == "float" else "<i", value)[0]))
+
+    def _on_dropout(self, message: bytes) -> None:
+        self.dropouts += 1
+        self.dropped_ms += struct.unpack_from("<H", message)[0]
+
+    def _on_flags(self, message: bytes) -> None:
+        incompatible = message[8:16]
+        if any(incompatible[1:]) or incompatible[:1] > b"\x01":
+            raise ValueError("a ULog with features that are not known here")
+
+    def topic(self, name: str, fields: Iterable[str]) -> tuple[NDArray[np.int64], NDArray[np.void]] | None:
+        """Return places and samples of a topic, with these fields and its stamps.
+
+        `None` if they are not logged, or have absurdly many numbers.
+        """
+        known = self._fields.get(name, {})
+        wanted = [field for field in (_MESSAGE, _SAMPLE) if field in known] + list(fields)
+        has_stamps = _MESSAGE in known and known[_MESSAGE].type == _TYPES["uint64_t"]
+        if name not in self.kept or not has_stamps or not known.keys() >= {*fields}:
+            return None
+        if max(known[field].length for field in wanted) > _LONGEST:
+            return None
+        layout: Any = {
+            "names": wanted,
+            "formats": [(known[field].type, (known[field].length,)) for field in wanted],
+            "offsets": [known[field].offset for field in wanted],
+            "itemsize": self._lengths[name],
+        }
+        return self.kept.table(name, np.dtype(layout))
+
+
+class _Source(NamedTuple):
+    """Place of a signal in a log."""
+
+    topic: str
+    fields: tuple[str, ...]
+    convert: Callable[[Array], Array] = lambda numbers: numbers
+    """Values of the signal, of the numbers of all fields."""
+    stamp: str = _SAMPLE
+    """Field of its time, if it is logged and not 0; else `timestamp`."""
+
+    def rows(self, parser: _Parser) -> Rows | None:
+        """Return the samples of the signal; `None` if they are not logged."""
+        if (found := parser.topic(self.topic, self.fields)) is None:
+            return None
+        places, table = found
+        numbers = np.concatenate([table[field] for field in self.fields], axis=1).astype(np.float64)
+        return Rows(position=places, time_us=_stamps(table, self.stamp), values=self.convert(numbers))
+
+
+def _stamps(table: NDArray[np.void], field: str) -> Array:
+    """Return the times [us] (n,) of samples by a field, or by `timestamp` where it is absent or 0."""
+    stamps = table[_MESSAGE][:, 0].astype(np.float64)
+    if field in (table.dtype.names or ()):
+        told = table[field][:, 0].astype(np.float64)
+        stamps = np.where(told > 0.0, told, stamps)
+    return stamps
+
+
+def _first_three(numbers: Array) -> Array:
+    return numbers[:, :3]
+
+
+def _motors(control: Array) -> Array:
+    """Return the commands 0..1 of the motors in use; NaN is a motor that is off."""
+    return np.nan_to_num(control[:, ~np.isnan(control).all(axis=0)])
+
+
+def _outputs(pulses_us: Array) -> Array:
+    """Return the commands 0..1 of four motors by their pulses [us]."""
+    return np.clip((pulses_us[:, :4] - _PWM[0]) / (_PWM[1] - _PWM[0]), 0.0, 1.0)
+
+
+_GYRO_FIFO = ("dt", "scale", "samples", "x", "y", "z")
+_SIGNALS = {
+    "gyro": (
+        _Source("sensor_combined", ("gyro_rad",)),
+        _Source("vehicle_angular_velocity", ("xyz",)),
+        _Source("sensor_gyro", ("x", "y", "z")),
+    ),
+    "command": (
+        _Source("vehicle_torque_setpoint", ("xyz",), stamp=_MESSAGE),
+        _Source("actuator_controls_0", ("control",), _first_three, stamp=_MESSAGE),
+    ),
+    "motors": (
+        _Source("actuator_motors", ("control",), _motors, stamp=_MESSAGE),
+        _Source("actuator_outputs", ("output",), _outputs, stamp=_MESSAGE),
+    ),
+    "accelerometer": (
+        _Source("sensor_combined", ("accelerometer_m_s2",)),
+        _Source("vehicle_acceleration", ("xyz",)),
+    ),
+    "attitude": (_Source("vehicle_attitude", ("q",), euler_angles),),
+    "reference": (_Source("vehicle_attitude_setpoint", ("q_d",), euler_angles, stamp=_MESSAGE),),
+}
+"""Sources of each signal, the best first."""
+_LANDED = _Source("vehicle_land_detected", ("landed",), lambda landed: 1.0 - landed)
+_TOPICS = {source.topic for sources in _SIGNALS.values() for source in sources} | {_LANDED.topic, "sensor_gyro_fifo"}
+
+
+def read_ulog(path: Path) -> Draft:
+    """Return the signals of a log.
+
+    Raises
+    ------
+    OSError
+        If the file can't be read.
+    ValueError
+        If it holds too much, or features of a later format.
+    """
+    parser = _Parser(_TOPICS)
+    left = read_blocks(path, parser.consume)
+    draft = Draft(
+        source=path.name, system="px4", rows={}, in_air=_LANDED.rows(parser), parameters=parser.parameters.values
+    )
+    for signal, sources in _SIGNALS.items():
+        found = [rows for source in sources if (rows := source.rows(parser)) is not None]
+        if signal == "gyro":
+            found = [*_fifo(parser), *_centre_gyro(parser, found)]
+        if found:
+            draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
+    draft.findings += _findings(parser, left)
+    return draft
+
+
+def read_topics(
+    path: Path, topics: Mapping[str, Iterable[str]]
+) -> tuple[dict[str, NDArray[np.void]], dict[str, float]]:
+    """Return fields of topics with their stamps, as far as they are logged, and all parameters.
+
+    Raises
+    ------
+    OSError
+        If the file can't be read.
+    ValueError
+        If it holds too much, or features of a later format.
+    """
+    parser = _Parser(topics)
+    read_blocks(path, parser.consume)
+    tables = {name: parser.topic(name, fields) for name, fields in topics.items()}
+    return {name: table[1] for name, table in tables.items() if table is not None}, parser.parameters.values
+
+
+def _centre_gyro(parser: _Parser, found: list[Rows]) -> list[Rows]:
+    """Return the sources of the gyro, with the means of `sensor_combined` at the middle of their intervals."""
+    table = parser.topic("sensor_combined", ("gyro_rad", "gyro_integral_dt"))
+    if table is None:
+        return found
+    combined, *others = found
+    middle = combined.time_us - 0.5 * table[1]["gyro_integral_dt"][:, 0]
+    return [Rows(position=combined.position, time_us=middle, values=combined.values), *others]
+
+
+def _fifo(parser: _Parser) -> Iterator[Rows]:
+    """Yield the raw samples of the gyro, if they are logged: many a message, `dt` [us] apart, the last at its stamp."""
+    if (found := parser.topic("sensor_gyro_fifo", _GYRO_FIFO)) is None:
+        return
+    places, table = found
+    most = table["x"].shape[1]
+    if table["x"].size > _MOST_RAW or not table["x"].shape == table["y"].shape == table["z"].shape:
+        return
+    count = np.minimum(table["samples"][:, 0].astype(np.int64), most)
+    taken = np.arange(most) < count[:, np.newaxis]
+    age = (count[:, np.newaxis] - 1 - np.arange(most)) * table["dt"].astype(np.float64)
+    values = np.stack([table[axis] * table["scale"].astype(np.float64) for axis in "xyz"], axis=-1)
+    time_us = _stamps(table, _SAMPLE)[:, np.newaxis] - age
+    yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken])
+
+
+def _findings(parser: _Parser, left: int) -> Iterator[str]:
+    if parser.damaged:
+        yield f"file: {parser.damaged:,} bytes are damaged: left out"
+    if left:
+        yield f"file: it ends within a message, {left:,} bytes of it are there"
+    if parser.dropouts:
+        yield f"logger: {parser.dropouts} drop-outs, {1e-3 * parser.dropped_ms:.3g} s in all"
+    yield from parser.parameters.findings()

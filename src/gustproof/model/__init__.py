@@ -1,1 +1,0 @@
-"""Build design models: LFT, LPV airframe, weights, generalised plant."""

@@ -1,1 +1,0 @@
-"""Predict error and slew in turbulence, and bound them for all laws."""

@@ -1,0 +1,1 @@
+"""Robust control without flight: linear systems, LFTs, synthesis, structured values, certified gains."""

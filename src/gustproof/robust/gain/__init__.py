@@ -1,0 +1,1 @@
+"""Search for multipliers that prove an L2 gain."""

@@ -1,0 +1,111 @@
+"""Mixed sensitivity: weights on S, KS and T, built into a generalised plant and solved."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gustproof.errors import DesignError
+from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
+from gustproof.robust.lft.uncertain_system import append
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
+
+Weight = LinearSystem | ArrayLike | None
+"""A stable system or a gain; one of a single channel weights each channel alike; `None` leaves the signal out."""
+
+
+def mixsyn(
+    G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None, *, gamma: float | None = None
+) -> HinfResult:
+    """Return the controller that keeps the norm of (W1 S, W2 K S, W3 T) below a level.
+
+    `S = (I + G K)^-1` and `T = G K S`: the loop has negative feedback, so `u = K (r - G u)`. The checks name the norm
+    of each part. Weights left out and poles of G on the imaginary axis make the problem singular. It is then solved
+    with small weights and noise, as by `hinfsyn` with `regularize`. The result tells their cost.
+
+    Parameters
+    ----------
+    G
+        Plant, p outputs and m inputs, continuous or discrete.
+    W1, W2, W3
+        Weights of the error (p channels), the control (m) and the output (p).
+    gamma
+        [-] level to design for; `None` for 1.05 times the least.
+
+    Raises
+    ------
+    ValueError
+        If no weight is given, or channels or sample times do not fit; the text names the weight.
+    DesignError
+        If a weight or what `G` hides from K is unstable (the text names it and the pole), or as `hinfsyn`.
+
+    References
+    ----------
+    S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed., Wiley 2005, section 3.5.7.
+
+    Examples
+    --------
+    >>> from control import tf
+    >>> from gustproof import mixsyn
+    >>> G = tf(200, [0.025, 1.0025, 10.1, 1])
+    >>> result = mixsyn(G, W1=tf([1 / 1.5, 10], [1, 10 * 1e-4]), W2=1.0)
+    >>> f"{result.gamma_opt:.2f}"
+    '1.37'
+    """
+    plant = as_lti(G)
+    weights = {
+        name: _as_weight(name, weight, channels, plant)
+        for name, weight, channels in (
+            ("W1", W1, plant.n_outputs),
+            ("W2", W2, plant.n_inputs),
+            ("W3", W3, plant.n_outputs),
+        )
+    }
+    if not any(weight.n_outputs for weight in weights.values()):
+        raise ValueError("mixsyn needs at least one of the weights W1, W2 and W3")
+    P = _generalised_plant(plant, weights)
+    result = hinfsyn(P, plant.n_outputs, plant.n_inputs, gamma=gamma, regularize=True)
+    loop, first = lft(P, result.controller), 0
+    checks = list(result.checks)
+    for (name, weight), part in zip(weights.items(), ("S", "K S", "T"), strict=True):
+        if weight.n_outputs:
+            rows = slice(first, first + weight.n_outputs)
+            checks.append(f"the norm of {name} {part} is {hinf_norm(loop.subsystem(rows, slice(None))).gain:.6g}")
+            first += weight.n_outputs
+    return replace(result, checks=tuple(checks))
+
+
+def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
+    """Return a weight for a number of channels, with no outputs if there is none."""
+    if weight is None:
+        return gain(np.zeros((0, channels)), G.dt)
+    try:
+        W = as_lti(weight) if hasattr(weight, "dt") else gain(np.asarray(weight, dtype=np.float64), G.dt)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    if W.dt != G.dt:
+        raise ValueError(f"{name} has the sample time {W.dt} s, G {G.dt} s")
+    if not W.is_stable():
+        worst = max(W.poles(), key=abs if G.dt else lambda pole: pole.real)
+        raise DesignError(f"{name} is not stable: it has a pole at {worst:.3g}, and no feedback acts on a weight")
+    if W.D.shape == (1, 1) and channels > 1:
+        W = append(*[W] * channels).M
+    if W.n_inputs != channels:
+        raise ValueError(f"{name} has {W.n_inputs} inputs, must have 1 or {channels}")
+    return W
+
+
+def _generalised_plant(G: Lti, weights: Mapping[str, Lti]) -> Lti:
+    """Return the plant from (r, u) to (W1 e, W2 u, W3 g, e), with `e = r - g` and `g = G u`."""
+    p, m, n = G.n_outputs, G.n_inputs, G.order
+    zero, identity = np.zeros((m, n)), np.eye(p)
+    signals = Lti(
+        A=G.A,
+        B=np.hstack([np.zeros((n, p)), G.B]),
+        C=np.vstack([-G.C, zero, G.C, -G.C]),
+        D=np.block([[identity, -G.D], [np.zeros((m, p)), np.eye(m)], [0.0 * identity, G.D], [identity, -G.D]]),
+        dt=G.dt,
+    )
+    return series(signals, append(*weights.values(), gain(identity, G.dt)).M)

@@ -1,0 +1,1 @@
+"""Build uncertain systems as linear fractional transformations, and reduce them."""

@@ -1,0 +1,178 @@
+"""Blocks of Delta, the unknowns of an uncertain model, normalised: 0 is nominal and 1 the edge of the range."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from gustproof.robust.lti.state_space import Matrix
+
+Delta = Mapping[str, ArrayLike]
+"""A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block.
+Omitted names are 0, nominal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealBlock:
+    """A real parameter repeated `repeats` times on the diagonal of Delta (MATLAB: `ureal`).
+
+    Its normalised value is delta in [-1, 1] with `value = nominal + b delta / (1 + c delta)`. This gives low at -1,
+    nominal at 0 and high at 1, and is linear when nominal is the middle. The form is rational: no further repetition.
+
+    Raises
+    ------
+    ValueError
+        If not `low < nominal < high`, all finite, or `repeats` is below 1.
+    """
+
+    name: str
+    """Name, unique in the model: blocks of one name are one parameter."""
+    low: float
+    """[as the parameter] least value."""
+    high: float
+    """[as the parameter] largest value."""
+    nominal: float
+    """[as the parameter] value at delta = 0."""
+    repeats: int = 1
+    """Number of occurrences on the diagonal."""
+
+    def __post_init__(self) -> None:
+        """Check the name and the range."""
+        _require_name(self.name)
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.nominal < self.high):
+            given = f"{self.low}, {self.nominal}, {self.high}"
+            raise ValueError(f"parameter '{self.name}': needs finite low < nominal < high, got {given}")
+        if self.repeats < 1:
+            raise ValueError(f"parameter '{self.name}' is repeated {self.repeats} times, must be at least once")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Outputs and inputs of the block."""
+        return (self.repeats, self.repeats)
+
+    @property
+    def coefficients(self) -> tuple[float, float]:
+        """`b` and `c` of the normalisation, as of `firmware_model.config.spreads.Spread`."""
+        up, down = self.high - self.nominal, self.nominal - self.low
+        return 2.0 * up * down / (up + down), (down - up) / (up + down)
+
+    def value(self, delta: ArrayLike) -> Matrix:
+        """Return the parameter at the normalised `delta`, (...)."""
+        b, c = self.coefficients
+        factor = np.asarray(delta, dtype=np.float64)
+        return np.asarray(self.nominal + b * factor / (1.0 + c * factor))
+
+    def delta(self, value: ArrayLike) -> Matrix:
+        """Return the normalised value of the parameter's `value`, (...)."""
+        b, c = self.coefficients
+        off = np.asarray(value, dtype=np.float64) - self.nominal
+        return np.asarray(off / (b - c * off))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FullBlock:
+    """A complex full block of norm <= 1: unmodelled dynamics (MATLAB: `ultidyn`, `ucomplexm`) or performance channel.
+
+    Raises
+    ------
+    ValueError
+        If the block has no inputs or no outputs.
+    """
+
+    name: str
+    """Name, unique in the model."""
+    n_outputs: int = 1
+    """Number of rows."""
+    n_inputs: int = 1
+    """Number of columns."""
+
+    def __post_init__(self) -> None:
+        """Check the name and the size."""
+        _require_name(self.name)
+        if min(self.shape) < 1:
+            raise ValueError(f"block '{self.name}' is {self.n_outputs} x {self.n_inputs}, must be at least 1 x 1")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Outputs and inputs of the block."""
+        return (self.n_outputs, self.n_inputs)
+
+
+def _require_name(name: str) -> None:
+    if not isinstance(name, str) or not name.strip():
+        raise ValueError(f"the name of a block is {name!r}, must be a text that is not empty")
+
+
+DeltaBlock = RealBlock | FullBlock
+"""One block of Delta."""
+
+
+def rows(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
+    """Return the rows of each block in Delta, which are inputs of M."""
+    return _slices([block.shape[0] for block in blocks])
+
+
+def columns(blocks: tuple[DeltaBlock, ...]) -> tuple[slice, ...]:
+    """Return the columns of each block in Delta, which are outputs of M."""
+    return _slices([block.shape[1] for block in blocks])
+
+
+def delta_matrix(blocks: tuple[DeltaBlock, ...], delta: Delta) -> Matrix:
+    """Return the real block-diagonal matrix Delta at `delta`.
+
+    Values outside the unit ball are allowed: the model does not claim to cover them, but its arithmetic holds.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the shape of a value does not fit its block.
+    """
+    if unknown := sorted(set(delta) - {block.name for block in blocks}):
+        raise ValueError(f"unknown parameter '{unknown[0]}', there are {', '.join(block.name for block in blocks)}")
+    parts = []
+    for block in blocks:
+        value = np.asarray(delta.get(block.name, np.zeros(block.shape)), dtype=np.float64)
+        if isinstance(block, RealBlock) and value.ndim == 0:
+            value = value * np.eye(block.repeats)
+        if value.shape != block.shape and value.size == block.shape[0] * block.shape[1] == 1:
+            value = value.reshape(1, 1)
+        if value.shape != block.shape:
+            raise ValueError(f"block '{block.name}' has the shape {block.shape}, its value {value.shape}")
+        parts.append(value)
+    return np.asarray(scipy.linalg.block_diag(*parts) if parts else np.zeros((0, 0)), dtype=np.float64)
+
+
+def _slices(sizes: list[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return tuple(slice(start, end) for start, end in pairwise(ends))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spreads:
+    """Relative deviations of the vehicle from its file; 0 is the nominal vehicle.
+
+    Raises
+    ------
+    ValueError
+        If a spread is not in [0, 1).
+
+    Examples
+    --------
+    >>> from gustproof import Spreads
+    >>> Spreads(inertia=0.2, actuator_lag=0.3).inertia
+    0.2
+    """
+
+    inertia: float = 0.0
+    """[-] each moment of inertia is between 1 - spread and 1 + spread times the file's."""
+    actuator_lag: float = 0.0
+    """[-] likewise for the actuator lag."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value in (("inertia", self.inertia), ("actuator_lag", self.actuator_lag)):
+            if not 0.0 <= value < 1.0:
+                raise ValueError(f"{name} spread is {value!r}, must be in [0, 1)")

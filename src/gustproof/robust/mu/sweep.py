@@ -1,0 +1,147 @@
+"""Upper bounds at every frequency: bands on which scalings prove a level, added until they cover the axis."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.lft.uncertainty import DeltaBlock, FullBlock, columns, rows
+from gustproof.robust.lft.units import balance
+from gustproof.robust.lti.balancing import balance_states
+from gustproof.robust.lti.bilinear import bilinear_transform
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.mu.scalings import best_scalings
+
+PERFORMANCE = "performance"
+"""Name of the full block that closes inputs and outputs of a system."""
+_BANDS = 400
+"""Most bands; if they do not suffice, nothing is proved and the upper bound is infinite."""
+_MIN_GAP = 1e-4
+"""[-] relative width of a gap below which mu is assumed to jump inside."""
+_ROUNDING = 1e-6
+"""[-] relative amount by which bands are computed for a lower level than the returned one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bracket:
+    """Lower and upper bound on a largest value over all frequencies and the whole family."""
+
+    lower: float
+    """[-] value attained by `delta` at `omega`."""
+    upper: float
+    """[-] value never exceeded, up to rounding; infinite if nothing was proved."""
+    omega: float
+    """[rad/s] frequency of the lower bound."""
+    delta: Mapping[str, ArrayLike]
+    """Value of each block for the lower bound, a number or a complex matrix; norm 1 is the edge of the family."""
+
+    @property
+    def gap(self) -> float:
+        """[-] upper over lower bound, less 1."""
+        return self.upper / self.lower - 1.0 if self.lower > 0.0 else math.inf
+
+
+def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
+    """Return a level that holds at every frequency, and the frequencies of the largest levels found, largest first.
+
+    Parameters
+    ----------
+    M
+        Continuous system, stable, closed completely by `blocks`.
+    blocks
+        Blocks of Delta; with `gain` the last one is the performance channel.
+    gain
+        True for the gain of the last block, instead of mu.
+    accuracy
+        [-] relative distance of the level from the least one of D-G scalings.
+
+    Raises
+    ------
+    ValueError
+        If `M` is unstable or there are no blocks.
+    """
+    if not blocks:
+        raise ValueError("there is nothing uncertain")
+    if not M.is_stable():
+        raise ValueError("the system is unstable at Delta = 0")
+    units = balance(M, blocks[:-1] if gain else blocks)
+    output = units.channels.output if gain else 1.0
+    level, grid = _sweep(units.change(M, output=output), blocks, gain=gain, accuracy=accuracy)
+    return output * level, grid
+
+
+def _sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float) -> tuple[float, list[float]]:
+    """Return the level and the frequencies of `sweep` for a balanced system."""
+    speeds = np.abs(M.poles())
+    slow, fast = float(np.min(speeds, initial=1.0)), float(np.max(speeds, initial=1.0))
+    peak = hinf_norm(M)
+    pending = [0.0, min(peak.omega, 1e3 * fast), 1e3 * fast, *np.geomspace(slow, fast, 5).tolist()]
+    if gain:  # the one at Delta = 0 is a lower bound
+        z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
+        peak = hinf_norm(M.subsystem(slice(z, None), slice(w, None)))
+    gaps, level, met = [(0.0, math.inf)], 1e-3 * accuracy * peak.gain, list[tuple[float, float]]()
+    for _ in range(_BANDS):
+        omega = pending.pop(0) if pending else _pick_frequency(gaps[0], slow, fast)
+        response = M.response(omega)[0]
+        # find the best scalings, beyond the level: scalings that only just reach it hold on a narrow band
+        scalings = best_scalings(response, blocks, gain=gain, accuracy=0.5 * accuracy)
+        gap, reached = gaps[0], scalings.level(response)
+        raised = max(level, (1.0 + 0.5 * accuracy) * reached)
+        if gap[1] < (1.0 + _MIN_GAP) * gap[0] and math.isfinite(reached):
+            band = scalings.band(M, raised / (1.0 + _ROUNDING), omega)
+            if not band[0] <= gap[0] <= gap[1] <= band[1]:
+                scalings = best_scalings(response, blocks, gain=gain, accuracy=0.5 * accuracy, real=False)
+                reached = scalings.level(response)
+        met.append((reached, omega))
+        if not math.isfinite(reached):
+            return math.inf, _largest_frequencies(met)
+        level = max(level, (1.0 + 0.5 * accuracy) * reached)
+        gaps = _subtract_band(gaps, scalings.band(M, level / (1.0 + _ROUNDING), omega))
+        if not gaps:
+            return level, _largest_frequencies(met)
+    return math.inf, _largest_frequencies(met)
+
+
+def add_performance_block(system: Uncertain) -> tuple[DeltaBlock, ...]:
+    """Return the blocks of a system, then the full block that closes its inputs and outputs."""
+    return (*system.blocks, FullBlock(name=PERFORMANCE, n_outputs=system.n_inputs, n_inputs=system.n_outputs))
+
+
+def to_continuous(system: Uncertain) -> Lti:
+    """Return `M` in continuous time and balanced units; a discrete one by the bilinear transform.
+
+    Every bound stays: external channels keep their units, and a Delta is the same in those of its channels.
+    """
+    M = balance_states(system.M)
+    continuous = bilinear_transform(M) if M.dt else M
+    return balance(continuous, system.blocks).change(continuous)
+
+
+def unwarp_frequency(omega: float, system: Uncertain) -> float:
+    """Return the system's frequency [rad/s] that the bilinear transform maps to `omega`."""
+    dt = system.M.dt
+    return 2.0 / dt * math.atan(0.5 * omega * dt) if dt else omega
+
+
+def _pick_frequency(gap: tuple[float, float], slow: float, fast: float) -> float:
+    """Return the frequency inside a gap to try next."""
+    low, high = gap
+    if math.isinf(high):
+        return 4.0 * max(low, fast)
+    return math.sqrt(low * high) if low > 0.0 else min(0.1 * high, slow)
+
+
+def _subtract_band(gaps: list[tuple[float, float]], band: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return the gaps without the band."""
+    if band[0] >= band[1]:
+        return gaps
+    pieces = [piece for low, high in gaps for piece in ((low, min(high, band[0])), (max(low, band[1]), high))]
+    return [(low, high) for low, high in pieces if low < high]
+
+
+def _largest_frequencies(met: list[tuple[float, float]]) -> list[float]:
+    return [omega for _, omega in sorted(met, reverse=True)[:4]]

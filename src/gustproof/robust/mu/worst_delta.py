@@ -1,0 +1,171 @@
+"""Lower bounds from bad members of the uncertain family, found by search and evaluated exactly."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
+from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+
+_CORNERS = 64
+"""Most starts: every corner of the real parameters if there are few, else random corners."""
+_STEPS = 60
+"""Most ascent steps from one start."""
+
+_Objective = Callable[[ComplexMatrix], tuple[float, ComplexMatrix]]
+"""Function that returns value and gradient; the value changes by `Re tr(gradient dDelta)`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorstDelta:
+    """A Delta of the family and its gain."""
+
+    gain: float
+    """[-] largest singular value from the free inputs to the free outputs."""
+    Delta: ComplexMatrix
+    """(n_w, n_z) block-diagonal, each block of norm at most the radius; real parameters are real."""
+
+    def parts(self, blocks: tuple[DeltaBlock, ...]) -> dict[str, ArrayLike]:
+        """Return the value of each block by name: a number for a parameter, a complex matrix for a full block."""
+        cut = {
+            block.name: (block, self.Delta[w, z])
+            for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True)
+        }
+        return {
+            name: float(part[0, 0].real) if isinstance(block, RealBlock) else part
+            for name, (block, part) in cut.items()
+        }
+
+
+def worst_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
+    """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the global.
+
+    Conditional gradients from many starts. Each step linearises the gain in Delta and finds the best vertex of the
+    ball. That is a corner for real parameters, an aligned matrix of rank one for full blocks. The step keeps the best
+    point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle.
+
+    References
+    ----------
+    P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
+    """
+    return _search(lambda Delta: _gain(M, blocks, Delta), blocks, radius, seed)
+
+
+def most_unstable_delta(
+    M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0
+) -> tuple[WorstDelta, complex]:
+    """Return a Delta within `radius` that moves the poles of the continuous `F_u(M, Delta)` far to the right.
+
+    Its `gain` is the largest real part; the second result is the pole itself. The search is that of `worst_delta`.
+    """
+    w, z = _shape(blocks)
+    opened = M.subsystem(slice(0, z), slice(0, w))
+    found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius, seed)
+    return found, _abscissa(opened, found.Delta)[0]
+
+
+def most_singular_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, seed: int = 0) -> WorstDelta:
+    """Return a real Delta of norm 1 with a large real eigenvalue of `M Delta`, its `gain`, for a real `M`.
+
+    Delta over that eigenvalue makes `I - M Delta` singular. The search is that of `worst_delta`.
+    """
+    return _search(lambda Delta: _largest_real_eigenvalue(M.real, Delta.real), blocks, 1.0, seed)
+
+
+def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, seed: int) -> WorstDelta:
+    found = [_ascend(objective, blocks, radius, radius * start) for start in _starts(blocks, seed)]
+    return max(found, key=lambda result: result.gain)
+
+
+def _ascend(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, Delta: ComplexMatrix) -> WorstDelta:
+    value, slope = objective(Delta)
+    for _ in range(_STEPS):
+        vertex = radius * _vertex(slope, blocks)
+        trials = [Delta + step * (vertex - Delta) for step in 0.5 ** np.arange(8.0)]
+        results = [objective(trial) for trial in trials]
+        k = int(np.argmax([result[0] for result in results]))
+        if not results[k][0] > value + 1e-6 * abs(value):
+            break
+        Delta, (value, slope) = trials[k], results[k]
+    return WorstDelta(gain=value, Delta=Delta)
+
+
+def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatrix]:
+    """Return the rightmost pole, its real part, and the gradient of the real part, as for the gain."""
+    loop = np.eye(M.n_outputs) - M.D @ Delta
+    reads = np.linalg.solve(loop, M.C.astype(np.complex128))
+    poles, left, right = scipy.linalg.eig(M.A + M.B @ Delta @ reads, left=True, right=True)  # type: ignore[misc]
+    k = int(np.argmax(poles.real))
+    y, x = left[:, k].conj(), right[:, k]
+    drives = y @ M.B @ (np.eye(M.n_inputs) + Delta @ np.linalg.solve(loop, M.D))
+    return complex(poles[k]), float(poles[k].real), np.outer(reads @ x, drives) / (y @ x)
+
+
+def _largest_real_eigenvalue(M: Matrix, Delta: Matrix) -> tuple[float, ComplexMatrix]:
+    """Return the largest real eigenvalue of `M Delta`, 0 without a positive one, and its gradient, as for the gain."""
+    values, left, right = scipy.linalg.eig(M @ Delta, left=True, right=True)  # type: ignore[misc]
+    real = np.where(values.imag == 0.0, values.real, 0.0)
+    k = int(np.argmax(real))
+    y, x = left[:, k].conj(), right[:, k]
+    if real[k] <= 0.0 or abs(y @ x) < 1e-12:  # a multiple one has no gradient
+        return max(float(real[k]), 0.0), np.zeros(Delta.shape[::-1], dtype=np.complex128)
+    return float(real[k]), np.asarray(np.outer(x, y @ M) / (y @ x), dtype=np.complex128)
+
+
+def _gain(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix) -> tuple[float, ComplexMatrix]:
+    """Return the gain, infinite for a singular loop, and its gradient: the gain changes by `Re tr(slope dDelta)`."""
+    w, z = _shape(blocks)
+    loop = np.eye(z) - M[:z, :w] @ Delta
+    try:
+        reads = np.linalg.solve(loop, M[:z, w:])
+        drives = np.linalg.solve(loop.T, (M[z:, :w] @ Delta).T).T @ M[:z, :w] + M[z:, :w]
+    except np.linalg.LinAlgError:
+        return np.inf, np.zeros((z, w), complex)
+    U, s, Vh = np.linalg.svd(M[z:, w:] + M[z:, :w] @ Delta @ reads)
+    slope = np.outer(reads @ Vh[0].conj(), U[:, 0].conj() @ drives)
+    return float(s[0]), slope
+
+
+def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatrix:
+    """Return the Delta of norm 1 with the largest `Re tr(slope Delta)`."""
+    vertex = np.zeros(_shape(blocks), dtype=np.complex128)
+    for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
+        part = slope[z, w]
+        if isinstance(block, RealBlock):
+            vertex[w, z] = np.sign(np.trace(part).real) * np.eye(block.repeats)
+        else:
+            U, _, Vh = np.linalg.svd(part, full_matrices=False)
+            vertex[w, z] = np.outer(Vh[0].conj(), U[:, 0].conj())
+    return vertex
+
+
+def _starts(blocks: tuple[DeltaBlock, ...], seed: int) -> list[ComplexMatrix]:
+    """Return starts of norm 1: corners of the real parameters, random directions of the full blocks."""
+    rng = np.random.default_rng(seed)
+    n_real = sum(isinstance(block, RealBlock) for block in blocks)
+    corners = (
+        list(product((-1.0, 1.0), repeat=n_real))
+        if 2**n_real <= _CORNERS
+        else [tuple(rng.choice((-1.0, 1.0), n_real)) for _ in range(_CORNERS)]
+    )
+    if n_real < len(blocks):
+        corners = [corner for corner in corners for _ in range(max(1, 8 // len(corners)))]
+    starts = []
+    for corner in corners:
+        signs, Delta = iter(corner), np.zeros(_shape(blocks), dtype=np.complex128)
+        for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
+            if isinstance(block, RealBlock):
+                Delta[w, z] = next(signs) * np.eye(block.repeats)
+            else:
+                full = rng.normal(size=block.shape) + 1j * rng.normal(size=block.shape)
+                Delta[w, z] = full / np.linalg.norm(full, 2)
+        starts.append(Delta)
+    return starts
+
+
+def _shape(blocks: tuple[DeltaBlock, ...]) -> tuple[int, int]:
+    return sum(block.shape[0] for block in blocks), sum(block.shape[1] for block in blocks)

@@ -1,0 +1,1 @@
+"""Show results: pages, charts, the live page, the paper's tables."""

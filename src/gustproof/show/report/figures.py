@@ -1,0 +1,399 @@
+"""Time histories, loops and trade-offs as PNG, PDF or SVG. A law keeps its colour in every figure."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatter
+
+from gustproof.airframe.lpv import PARAMETERS, scheduling_parameters
+from gustproof.airframe.tradeoff import TradeOff
+from gustproof.design.derive import WeightedTransfer
+from gustproof.design.tune import Tuning
+from gustproof.flight.scoring.metrics import Metrics, attitude
+from gustproof.show.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
+from gustproof.studies.rate.analyse import Analysis
+from gustproof.studies.rate.hover_loop import HoverLoop
+from gustproof.studies.rate.law_margins import SPREADS
+from gustproof.studies.rate.placement import ErrorLimits, Places
+from gustproof.studies.rate.robustness import RobustnessOverFrequency
+from gustproof.types import Array, Records
+
+Flights = Mapping[str, Records]
+
+# Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.
+_COLOURS = {
+    "pid-default": "#999999",
+    "hinf-d1": "#0072b2",
+    "hinf-d1-noise": "#56b4e9",
+    "hinf-d2": "#009e73",
+    "pid-fair": "#d55e00",
+    "hinf-scheduled": "#000000",
+    "hinf-rates": "#cc79a7",
+    "indi": "#8c510a",
+    "flagship": "#882255",
+    "flagship-robust": "#aa4499",
+    "aided": "#117733",
+}
+_DEFAULT_COLOUR = "#e69f00"
+_SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
+_INK, _GRID = "#333333", "#dddddd"
+_CURVES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00")
+_MOST_TRACES = 4  # noisy traces in one panel that an eye can tell apart
+_AXES = ("roll", "pitch", "yaw")
+_AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_MOST_DB = 80.0
+_GAINS = (1e-4, 1e15)
+"""[-] range of the drawn gains."""
+_ROUNDING = 1e-6
+"""[-] singular values that stay below this share of the transfer's largest are rounding errors of 0."""
+
+
+HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = {
+    "euler-angles": (
+        "Euler angles",
+        ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"),
+        lambda records: np.degrees(attitude(records)),
+    ),
+    "body-rates": ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), lambda records: records["omega_B"]),
+    "torques": (
+        "Commanded torques",
+        tuple(f"{axis} torque [N m]" for axis in _AXES),
+        lambda records: records["torque_command_B"],
+    ),
+}
+"""Title, axes and values (n, 3) of each kind of time history."""
+
+
+def save_moments(records: Records, path: Path) -> None:
+    """Draw the disturbance moments of one flight."""
+    labels = tuple(f"{axis} moment [N m]" for axis in _AXES)
+    _draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments", path)
+
+
+def save_histories(kind: str, flights: Flights, title: str, path: Path) -> None:
+    """Draw one of `HISTORIES` of several laws in the same air."""
+    heading, labels, values = HISTORIES[kind]
+    _draw_stacked(flights, values, labels, f"{heading}: {title}", path, closer=kind == "euler-angles")
+
+
+def save_scheduling(records: Records, law: str, path: Path) -> None:
+    """Draw rho(t) of one flight with the bounds of the paper's Table II."""
+    rho = scheduling_parameters(attitude(records), records["omega_B"])
+    figure, time = _new_figure((9.0, 7.2), f"Scheduling parameters against Table II: {law}"), _time(records)
+    grid = figure.subplots(4, 2, sharex=True)
+    # Trigonometric parameters on the left, rates on the right, below the legend.
+    places = [*grid[:, 0], *grid[1:, 1]]
+    for axes, parameter, values in zip(places, PARAMETERS, rho.T, strict=True):
+        axes.plot(time, values, color=_colour(law), linewidth=1.0)
+        for bound in (parameter.low, parameter.high):
+            axes.axhline(bound, color="#d55e00", linestyle="--", linewidth=1.0)
+        margin = 0.12 * (parameter.high - parameter.low)
+        axes.set_ylim(min(parameter.low, values.min()) - margin, max(parameter.high, values.max()) + margin)
+        axes.set_xlim(0.0, _end_of(records))
+        _style_axes(axes, f"{parameter.label} = {parameter.meaning}")
+    grid[0, 1].axis("off")
+    lines = [Line2D([], [], color=_colour(law)), Line2D([], [], color="#d55e00", linestyle="--")]
+    grid[0, 1].legend(lines, [law, "bounds of Table II"], loc="center", frameon=False)
+    for axes in grid[3]:
+        axes.set_xlabel("time [s]")
+    save_figure(figure, path)
+
+
+def save_singular_values(
+    frequency: Array,
+    curves: Mapping[str, Array],
+    level: float,
+    title: str,
+    path: Path,
+    transfers: Sequence[WeightedTransfer] = (),
+) -> None:
+    """Draw singular values (n, k) [dB] over `frequency` (n,) [rad/s] by name, and the bound of "w to z".
+
+    Each transfer has a panel. Values that stay below 1e-6 of the transfer's largest are rounding, and left out. In
+    rows below stand `transfers` without their weights, dashed the bounds that level and weights set. A paper's column
+    has no room for them.
+    """
+    columns, transfers = len(curves), () if is_paper() else transfers
+    rows = 1 + math.ceil(len(transfers) / columns)
+    figure = _new_figure((4.2 * columns + 0.4, 3.9 * rows + 0.3), title)
+    drawn = panels(figure, rows, columns)
+    for axes, (name, values), colour in zip(drawn, curves.items(), _CURVES, strict=False):
+        real = values[:, np.max(values, axis=0) > _ROUNDING * np.max(values)]
+        lines = axes.semilogx(frequency, _decibels(real), color=colour, linewidth=1.3)
+        peak = float(np.max(real))
+        lines[0].set_label(f"{name}, peak {peak:.2f}" if name[0] in "ST" else name)
+        bound, label = (level, f"γ = {level:.4g}") if name == "w to z" else (1.0, "0 dB")
+        axes.axhline(20.0 * math.log10(bound), color="#d55e00", linestyle="--", linewidth=1.0, label=label)
+        _limit_floor(axes)
+        _style_axes(axes, "singular values [dB]", x_label="frequency [rad/s]")
+        axes.set_xlim(frequency[0], frequency[-1])
+        axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
+    for axes, transfer in zip(drawn[columns:], transfers, strict=False):
+        for axis, gains, bounds, colour in zip(_AXES, transfer.gains.T, transfer.bounds.T, _AXIS_COLOURS, strict=True):
+            axes.semilogx(frequency, _decibels(gains), color=colour, linewidth=1.3, label=axis)
+            axes.semilogx(frequency, _decibels(bounds), color=colour, linestyle="--", linewidth=1.0)
+        label = "gain [dB re ({})/({})]".format(*transfer.units)
+        _style_axes(axes, label, f"{transfer.cause} to {transfer.effect}", "frequency [rad/s]")
+        axes.set_ylim(bottom=float(np.max(_decibels(transfer.gains))) - _MOST_DB)
+        axes.set_xlim(frequency[0], frequency[-1])
+        axes.legend(title="dashed: γ over weights", frameon=False, fontsize=font_size(8), title_fontsize=font_size(8))
+    for axes in drawn[columns + len(transfers) :]:
+        axes.axis("off")
+    save_figure(figure, path)
+
+
+def save_trade_off(limits: ErrorLimits, placed: Places, flown: Mapping[str, Metrics], path: Path) -> None:
+    """Draw error against sensitivity peak: the limits, and each law as predicted (ring) and as `flown` (disc).
+
+    The left panel shows all laws, the right panel those near the limit.
+    """
+    places = {name: place for name, place in placed.items() if place is not None}
+    figure = _new_figure((11.0, 5.6), f"Least attitude error against robustness: {limits.scenario}")
+    whole, near = panels(figure, 1, 2)
+    for axes in (whole, near):
+        for curve, shade in zip(limits.curves, _SHADES, strict=False):
+            axes.plot(curve.Ms, curve.rmse_deg, color=shade, label=f"least of linear laws, slew {curve.slew:g} N m/s")
+        label = f"least of all gyro-only laws, slew {limits.slew:g} N m/s"
+        axes.axhline(limits.gyro_deg, color=_SHADES[1], linestyle="--", label=label)
+        for law, place in places.items():
+            ends = [place.rmse_deg, flown[law].rmse_deg]
+            axes.plot([place.Ms, place.Ms], ends, color=_colour(law), linewidth=0.8)
+            axes.plot(place.Ms, ends[0], "o", color=_colour(law), fillstyle="none")
+            axes.plot(place.Ms, ends[1], "o", color=_colour(law), label=f"{law}, slew {place.slew:.3g} N m/s")
+        _style_axes(axes, "RMSE, three axes [deg]")
+        axes.set_xlabel("sensitivity peak Ms, the worst axis [-]")
+    whole.set_yscale("log")
+    near.set_xlim(1.1, 2.0)
+    least = min([limits.gyro_any_slew_deg, *(flown[law].rmse_deg for law in places)])
+    near.set_ylim(0.9 * least, 3.0 * limits.gyro_any_slew_deg)
+    known = f"with state and air known exactly: {limits.clairvoyant_deg:.2g} deg"
+    near.text(0.98, 0.95, known, transform=near.transAxes, ha="right", fontsize=font_size(9), color=_INK)
+    handles, labels = whole.get_legend_handles_labels()
+    handles.append(Line2D([], [], color=_INK, marker="o", fillstyle="none", linewidth=0.0))
+    labels.append("ring: predicted average over many flights; disc: flown")
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=1 if is_paper() else 3, frameon=False, fontsize=font_size(9)
+    )
+    save_figure(figure, path)
+
+
+def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[TradeOff]], path: Path) -> None:
+    """Draw the error of a tuned law beside the least of linear laws, over the slew and over the sensitivity peak."""
+    figure = _new_figure((11.0, 4.6), f"{tuning.law.name}: {tuning.scenario}")
+    over_slew, over_peak = panels(figure, 1, 2, sharey=True)
+    for axes, points, value, own, label, title in (
+        (over_slew, curves[0], "slew", tuning.slew, "torque slew [N m/s]", f"at Ms {tuning.Ms:.2f}"),
+        (over_peak, curves[1], "sensitivity_peak", tuning.Ms, "Ms, the worst axis [-]", f"at {tuning.slew:.3g} N m/s"),
+    ):
+        xs, ys = [getattr(point, value) for point in points], [math.degrees(point.rmse) for point in points]
+        axes.plot(xs, ys, color=_SHADES[1], marker=".", label="least of linear gyro-only laws")
+        axes.plot(own, math.degrees(tuning.rmse), "o", color=_colour(str(tuning.kind)), label=tuning.law.name)
+        _style_axes(axes, "RMSE, three axes [deg]", title, label)
+    over_slew.legend(frameon=False, fontsize=font_size(9))
+    save_figure(figure, path)
+
+
+def save_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency], path: Path) -> None:
+    """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario.
+
+    With the `robustness` of roll, pitch and yaw two panels show mu and the sensitivity over the spreads.
+    """
+    has_loop = bool(len(analysis.hover.loop))
+    rows, columns = (3 + bool(robustness), 2) if has_loop else (1, 3)
+    figure = _new_figure((11.0, 2.7 * rows if has_loop else 3.4), f"{analysis.law.name}: {analysis.scenario.name}")
+    drawn = panels(figure, rows, columns)
+    flights = drawn[-3:]
+    if has_loop:
+        gain, S, phase = drawn[:3]
+        _draw_loop(analysis.hover, gain, phase, S)
+    if has_loop and robustness:
+        _draw_robustness(robustness, *drawn[3:5])
+    height = ", ".join(f"{value:g}" for value in analysis.step_moment)
+    stepped, flown = analysis.step_records, analysis.records
+    for axes, records, values, label, title in zip(
+        flights,
+        (stepped, flown, flown),
+        (np.degrees(attitude(stepped)), flown["torque_command_B"], np.degrees(attitude(flown))),
+        ("angles [deg]", "torque command [N m]", "angles [deg]"),
+        (f"moment step, {height} N m", "flown", "flown"),
+        strict=True,
+    ):
+        for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
+            axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
+        _style_axes(axes, label, title, "time [s]")
+    flights[0].legend(frameon=False, fontsize=font_size(8))
+    save_figure(figure, path)
+
+
+def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S: Axes) -> None:
+    """Draw steps that are proved on each band of frequency, and below them, dotted, what members tried attain."""
+    for axis, found, colour in zip(_AXES, robustness, _AXIS_COLOURS, strict=True):
+        for axes, proved, sampled in (
+            (mu, found.mu_proved, np.where(found.mu_found > 0.0, found.mu_found, np.nan)),
+            (S, _decibels(found.S_proved), _decibels(found.S_found)),
+        ):
+            steps = np.where(np.isfinite(proved), proved, np.nan)
+            axes.step(found.omega, np.append(steps, steps[-1]), where="post", color=colour, linewidth=1.2, label=axis)
+            middle = np.sqrt(found.omega[1:] * found.omega[:-1])
+            axes.plot(middle, sampled, color=colour, linestyle=":", marker=".", markersize=3.0, linewidth=0.9)
+    spreads = f"inertia ±{SPREADS.inertia:.0%}, lag ±{SPREADS.actuator_lag:.0%}"
+    for axes, label, title in (
+        (mu, "mu [-]", f"mu, {spreads}"),
+        (S, "|S| [dB]", f"sensitivity over {spreads}"),
+    ):
+        axes.set_xscale("log")
+        _style_axes(axes, label, f"{title}: steps proved, dots sampled", "frequency [rad/s]")
+    floor = robustness[0].mu_floor
+    mu.axhline(
+        floor, color=_INK, linestyle="--", linewidth=0.8, label=f"{1.0 / floor:.2g} times the spreads: search ends"
+    )
+    mu.set_ylim(bottom=0.0)
+    _limit_floor(S)
+    mu.legend(frameon=False, fontsize=font_size(8), loc="lower left")
+
+
+def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
+    """Draw gain [dB] and phase of the loop at the plant's input axis by axis, with its margins, and sensitivities."""
+    for i, (axis, values, colour) in enumerate(zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
+        angles = np.degrees(np.unwrap(np.angle(values)))
+        turns = 360.0 * np.ceil(angles[0] / 360.0)
+        label, told = axis, ""
+        if hover.margins is not None:
+            margins = hover.margins.input[i]
+            label = f"{axis}: GM {20.0 * math.log10(margins.gain_margin):.1f} dB"
+            told = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
+            for axes in (gain, phase) if 0.0 < margins.crossover < math.inf else ():
+                axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
+        gain.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
+        phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=told or axis)
+    gain.axhline(0.0, color=_INK, linestyle="--", linewidth=0.8)
+    phase.axhline(-180.0, color=_INK, linestyle="--", linewidth=0.8)
+    for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
+        peak = float(np.max(values))
+        label = f"largest of {name}, peak {peak:.2f}"
+        S.semilogx(hover.omega, _decibels(values), color=colour, linewidth=1.2, label=label)
+        S.axhline(float(_decibels(np.array(peak))), color=colour, linestyle=":", linewidth=0.9)
+    for axes, label, title in (
+        (gain, "|L| [dB]", "loop at the plant's input"),
+        (phase, "arg L [deg]", "loop at the plant's input"),
+        (S, "singular value [dB]", "sensitivity at the plant's input"),
+    ):
+        _style_axes(axes, label, title, "frequency [rad/s]")
+        axes.legend(frameon=False, fontsize=font_size(8), loc="lower left")
+    for axes in (gain, S):
+        _limit_floor(axes)
+
+
+def _draw_stacked(
+    flights: Flights,
+    values: Callable[[Records], Array],
+    labels: tuple[str, ...],
+    title: str,
+    path: Path,
+    *,
+    closer: bool = False,
+) -> None:
+    """Draw three axes below each other; of more than `_MOST_TRACES` flights the rms of each second, on a log axis.
+
+    With `closer`, a second column then shows the flights of least rms as they are, on a scale of their own.
+    """
+    many = len(flights) > _MOST_TRACES
+    curves = {law: values(records) for law, records in flights.items()}
+    least = sorted(curves, key=lambda law: float(np.mean(curves[law] ** 2)))[:_MOST_TRACES] if many and closer else []
+    columns = 1 + bool(least)
+    figure = _new_figure((8.0 if columns == 1 else 13.0, 6.4), title)
+    rows = panels(figure, 3, columns, sharex=True)
+    _draw_column(rows[::columns], flights, curves, labels, is_rms=many)
+    if least:
+        _draw_column(rows[1::2], {law: flights[law] for law in least}, curves, labels, is_rms=False)
+        rows[1].set_title(f"the {len(least)} of least rms, as flown", fontsize=font_size(10), color=_INK)
+    if any(flights):
+        lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
+        figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
+    save_figure(figure, path)
+
+
+def _draw_column(
+    rows: Sequence[Axes], flights: Flights, curves: Mapping[str, Array], labels: tuple[str, ...], *, is_rms: bool
+) -> None:
+    # The most agitated curve is drawn first, as it would hide the others.
+    for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
+        time, values = _time(flights[law]), curves[law]
+        if is_rms:
+            time, values = _rms_by_second(time, values)
+        for axes, column in zip(rows, values.T, strict=True):
+            axes.plot(time, column, color=_colour(law), linewidth=1.0, label=law)
+    for axes, label in zip(rows, labels, strict=True):
+        _style_axes(axes, label)
+        if is_rms:
+            _style_rms(axes, label)
+    rows[-1].set_xlabel("time [s]")
+    rows[-1].set_xlim(0.0, max(_end_of(records) for records in flights.values()))
+
+
+def _style_rms(axes: Axes, label: str) -> None:
+    """Make the axis of an rms logarithmic, with plain numbers."""
+    axes.set_ylabel(f"{label}\nrms of 1 s")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(_PlainLogFormatter(minor_thresholds=(2.0, 0.6)))
+    axes.yaxis.set_minor_formatter(_PlainLogFormatter(minor_thresholds=(2.0, 0.6)))
+
+
+class _PlainLogFormatter(LogFormatter):
+    """Numbers as 0.02, not 2e-02, where `LogFormatter` writes any."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
+def _rms_by_second(time: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the middle of each begun second (m,) [s] and the rms (m, k) of `columns` (n, k) in it."""
+    second = np.floor(time + 1e-9).astype(int)
+    starts = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    counts = np.diff(np.append(starts, len(time)))[:, np.newaxis]
+    rms = np.sqrt(np.add.reduceat(columns * columns, starts, axis=0) / counts)
+    return second[starts] + 0.5, np.where(rms > 0.0, rms, np.nan)
+
+
+def _decibels(gains: Array) -> Array:
+    """Return gains in dB; 0 and smaller gains than drawn lie below the axis' end."""
+    return np.asarray(20.0 * np.log10(np.clip(gains, 0.1 * _GAINS[0], _GAINS[1])))
+
+
+def _limit_floor(axes: Axes) -> None:
+    """Cut an axis [dB] below the least drawn gain, and where the loop's gain is large whatever it is."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(max(low, 20.0 * math.log10(_GAINS[0])), min(high, _MOST_DB))
+
+
+def _new_figure(size: tuple[float, float], title: str) -> Figure:
+    return new_figure(size, title, colour=_INK)
+
+
+def _style_axes(axes: Axes, label: str, title: str = "", x_label: str = "") -> None:
+    axes.set_title(title, fontsize=font_size(10), color=_INK)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(label)
+    axes.grid(visible=True, color=_GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _colour(law: str) -> Any:
+    return _COLOURS.get(law, _DEFAULT_COLOUR if law else "#0072b2")
+
+
+def _time(records: Records) -> Array:
+    return np.asarray(records["time_us"] * 1e-6)
+
+
+def _end_of(records: Records) -> float:
+    """Return the end of the last sample's step [s], so that an axis has its last tick."""
+    time = _time(records)
+    return float(time[-1] + (time[-1] - time[0]) / max(len(time) - 1, 1))

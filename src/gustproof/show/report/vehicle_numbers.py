@@ -1,0 +1,110 @@
+"""Results of an identification as text and as a document of JSON."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.logs.identify.air import IdentifiedAir
+from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
+from gustproof.show.report.terminal import Renderable
+
+AXES = ("roll", "pitch", "yaw")
+
+
+def identification_document(
+    found: Identification, air: IdentifiedAir | None, findings: tuple[str, ...]
+) -> dict[str, Any]:
+    """Return the numbers as JSON values, with units in their keys; `None` for those that the log does not tell."""
+
+    def by_axis(value: Any) -> dict[str, Any]:
+        return {name: value(axis) for name, axis in zip(AXES, found.axes, strict=True)}
+
+    motors = found.motor_gains
+    return {
+        "source": found.source,
+        "command_unit": found.command_unit.value,
+        "actuator_lag_s": _interval(found.actuator_lag),
+        "delay_s": _interval(found.delay),
+        "gain_rad_s2_per_unit": by_axis(lambda axis: _interval(axis.gain)),
+        "motor_gain_rad_s2": None if motors is None else dict(zip(AXES, motors.tolist(), strict=True)),
+        "damping_per_s": by_axis(lambda axis: _interval(axis.damping)),
+        "gyro_noise_rad_s_rthz": by_axis(lambda axis: axis.noise),
+        "held_out_r2": by_axis(lambda axis: axis.held_out_r2),
+        "disturbance": {
+            "rms_rad_s2": by_axis(lambda axis: axis.disturbance_rms),
+            "corner_rad_s": by_axis(lambda axis: axis.disturbance_corner),
+            "dryden": None if air is None else _dryden_document(air),
+        },
+        "advice": {name: axis.advice for name, axis in zip(AXES, found.axes, strict=True) if axis.advice},
+        "findings": list(findings),
+    }
+
+
+def _dryden_document(air: IdentifiedAir) -> dict[str, Any]:
+    return {
+        "wind_speed_20ft_mps": air.wind_speed_20ft,
+        "airspeed_mps": air.airspeed,
+        "rms_rad_s2": dict(zip(AXES, air.sigma.tolist(), strict=True)),
+        "length_m": dict(zip(AXES, air.length.tolist(), strict=True)),
+    }
+
+
+def _interval(interval: Interval | None) -> dict[str, float] | None:
+    return None if interval is None else {name: float(value) for name, value in interval._asdict().items()}
+
+
+def doubts(found: Identification) -> list[str]:
+    """Return the findings, and the manoeuvre for each axis that is not identified."""
+    advice = [axis.advice for axis in found.axes if axis.advice]
+    return [*(line for line in found.findings if not any(each.startswith(line) for each in advice)), *advice]
+
+
+def number_rows(found: Identification, air: IdentifiedAir | None) -> list[tuple[str, ...]]:
+    """Return quantity with unit, and its texts for roll, pitch and yaw; those of the whole vehicle have one text."""
+    torque = found.command_unit.value
+
+    def by_axis(label: str, cell: Callable[[AxisEstimate], str]) -> tuple[str, ...]:
+        return (label, *map(cell, found.axes))
+
+    rows = [
+        ("actuator lag [ms]", _format_interval(found.actuator_lag, 1e3), "", ""),
+        ("delay of the command [ms]", _format_interval(found.delay, 1e3), "", ""),
+        by_axis(f"gain [rad/s²{'' if torque == '1' else f' per {torque}'}]", lambda axis: _format_interval(axis.gain)),
+    ]
+    if found.motor_gains is not None:
+        cells = (", ".join(f"{gain:.3g}" for gain in gains) for gains in found.motor_gains.tolist())
+        rows.append(("of each motor at full thrust [rad/s²]", *cells))
+    rows += [
+        by_axis("damping [1/s]", lambda axis: _format_interval(axis.damping)),
+        by_axis("gyro noise [rad/s/√Hz]", lambda axis: f"{axis.noise:.3g}"),
+        by_axis(
+            "R² of the held-out third", lambda axis: "–" if axis.held_out_r2 is None else f"{axis.held_out_r2:.3f}"
+        ),
+        by_axis("disturbance, rms [rad/s²]", lambda axis: f"{axis.disturbance_rms:.3g}"),
+    ]
+    if air is not None:
+        rows += [
+            ("as Dryden turbulence, rms [rad/s²]", *(f"{value:.3g}" for value in air.sigma)),
+            ("length of its gusts [m]", *(f"{value:.3g}" for value in air.length)),
+            ("its wind at 20 ft [m/s]", f"{air.wind_speed_20ft:.3g}", "", ""),
+            ("its airspeed [m/s]", f"{air.airspeed:.3g}", "", ""),
+        ]
+    return rows
+
+
+def render_identification(found: Identification, air: IdentifiedAir | None, findings: Iterable[str]) -> Renderable:
+    """Return the numbers as a table, with 95 % intervals, and findings as warnings."""
+    table = Table("95 % intervals in brackets", *AXES, title=f"Vehicle of {found.source}")
+    for row in number_rows(found, air):
+        table.add_row(*row)
+    return Group(table, *(Text(f"warning: {line}", style="yellow") for line in findings))
+
+
+def _format_interval(interval: Interval | None, scale: float = 1.0) -> str:
+    if interval is None:
+        return "–"
+    low, nominal, high = (f"{scale * value:.3g}" for value in interval)
+    return f"{nominal} ({low} .. {high})"

@@ -1,0 +1,1 @@
+"""Studies of laws: rate them, fly campaigns, attack them, compare many, audit simulators."""

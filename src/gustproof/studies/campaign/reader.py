@@ -1,0 +1,80 @@
+"""Read a campaign's file: its description and its rows."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from firmware_model.config.files import TEXT, open_regular, parse_json
+from firmware_model.errors import ConfigError
+from gustproof.studies.campaign.plan import Campaign, parse_campaign
+from gustproof.studies.campaign.store import METADATA_KEY
+from gustproof.types import Array
+
+_VALUE = 64  # [bytes] largest mean size of a value; a number takes 8
+
+
+def read_campaign_metadata(path: Path) -> dict[str, Any]:
+    """Return the metadata of a campaign's file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no campaign's table.
+    """
+    try:
+        open_regular(path).close()
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
+    try:
+        about = pq.read_metadata(path)
+        metadata: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])
+        groups = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
+        rows = metadata["runs"] * len(metadata["laws"])
+    except (KeyError, OSError, TypeError, ValueError, pa.ArrowException):
+        raise ConfigError(f"{path}: no table of a campaign") from None
+    if about.num_rows != rows or sum(groups) > _VALUE * rows * about.num_columns + TEXT:
+        raise ConfigError(f"{path}: its rows do not match the campaign in its metadata")
+    return metadata
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Return the campaign of a file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no campaign's table.
+    """
+    return parse_campaign(read_campaign_metadata(path), path)
+
+
+def read_run(path: Path, run: int) -> dict[str, Any]:
+    """Return the row of a run by column; missing values are `None`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such run.
+    """
+    rows = pq.read_table(path, filters=[("run", "=", run)]).to_pylist()
+    if not rows:
+        raise ConfigError(f"{path}: no run {run}, they are 0 to {pq.read_metadata(path).num_rows - 1}")
+    row: dict[str, Any] = rows[0]
+    return row
+
+
+def open_table(path: Path) -> Any:
+    """Open a campaign's file as a `pyarrow.parquet.ParquetFile`."""
+    return pq.ParquetFile(path, memory_map=True)
+
+
+def read_column(file: Any, name: str, campaign: Campaign) -> Array:
+    """Return a column as numbers (laws, cases), unit by its name or `Metrics`; NaN where a run has no value."""
+    column = file.read(columns=[name], use_threads=False).column(0).to_numpy().astype(np.float64)
+    values: Array = column.reshape(len(campaign.laws), campaign.cases)
+    return values

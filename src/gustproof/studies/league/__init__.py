@@ -1,0 +1,1 @@
+"""The league: controllers flown in the same seeds, at measured operating points, and ranked with confidence."""

@@ -1,0 +1,129 @@
+"""PX4's and ArduPilot's own loops beside `flagship` inside, at equal slew and margins, on the project's own model.
+
+The README's table is flown by the real autopilots. Here its comparison is derived anew without them: their loops are
+laws with the gains of `tune_gains`. `flagship` runs at their rate, behind the gyro filter and rounded outputs that it
+has inside.
+"""
+
+import math
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from firmware_model.config.scenario import Scenario, load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from firmware_model.guest.guest import scenario_for
+from gustproof.airframe.hover import hover_plant, loop_law
+from gustproof.airframe.output_rounding import rounding_slew
+from gustproof.airframe.predict import predict
+from gustproof.design.autopilot_gains import tune_gains
+from gustproof.design.loops.filters import butterworth
+from gustproof.design.loops.models import AUTOPILOTS
+from gustproof.law.form import Law, load_law
+from gustproof.law.resample import resample
+
+SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
+ROOT = Path(__file__).parents[2]
+README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+GYRO_FILTER, USUAL_FILTER = 80.0, 40.0
+"""[Hz] set for an exported law in both autopilots; PX4's own, which leaves the law less margin."""
+PEAKS = {("px4", GYRO_FILTER): 1.455, ("ardupilot", GYRO_FILTER): 1.4, ("px4", USUAL_FILTER): 1.68}
+"""[-] sensitivity peaks that the flights' own loops were tuned to: those of the law inside, or a little more."""
+EQUAL = 0.03
+"""[-] relative: slews and sensitivity peaks that count as equal."""
+pytestmark = pytest.mark.slow
+
+
+class Figures(NamedTuple):
+    """What a loop does in the turbulence."""
+
+    error: float
+    """[deg] by the attitude that the autopilot sees."""
+    slew: float
+    """[N*m/s] pooled over the axes, with rounded outputs."""
+    Ms: float
+    """[-] largest sensitivity peak of the axes."""
+
+
+def behind_filter(law: Law, cutoff: float) -> Law:
+    """Return a law that reads its gyro through a low-pass of the second order with a corner `cutoff` [Hz]."""
+    b0, b1, b2, a1, a2 = butterworth(cutoff, 1.0 / law.dt)
+    n, eye = law.order, np.eye(3)
+    A = np.zeros((n + 6, n + 6))
+    A[:n, :n], A[:n, n : n + 3] = law.A, law.B[:, :3]
+    A[n:, n:] = np.kron([[-a1, 1.0], [-a2, 0.0]], eye)
+    B = np.vstack([law.B, np.zeros((6, law.B.shape[1]))])
+    B[:n, :3] *= b0
+    B[n : n + 3, :3], B[n + 3 :, :3] = (b1 - a1 * b0) * eye, (b2 - a2 * b0) * eye
+    C = np.hstack([law.C, law.D[:, :3], np.zeros((3, 3))])
+    D = np.hstack([b0 * law.D[:, :3], law.D[:, 3:]])
+    G, H = (np.vstack([matrix, np.zeros((6, 3))]) for matrix in (law.G, law.H))
+    return replace(law, A=A, B=B, C=C, D=D, G=G, H=H, rate_limit=None)
+
+
+def peak(law: Law, script: Scenario) -> float:
+    """Return the largest sensitivity of an axis on a grid [-], by the definition."""
+    omega = np.geomspace(1.0, 0.99 * math.pi / law.dt, 400)
+    K, P = loop_law(law).response(omega), hover_plant(VEHICLES.nominal, script).response(omega)
+    return max(float(np.abs(1.0 / (1.0 - K[:, i, i] * P[:, i, i])).max()) for i in range(3))
+
+
+@cache
+def inside(kind: str, cutoff: float = GYRO_FILTER) -> Figures:
+    """Return the figures of `flagship` inside an autopilot with a gyro filter of `cutoff` [Hz]."""
+    script, vehicle = scenario_for(kind, SCENARIO), VEHICLES.nominal
+    law = behind_filter(resample(load_law("flagship"), float(script.control_rate_hz)), cutoff)
+    found = predict(law, vehicle, script)
+    assert found is not None
+    assert found.seen_rmse is not None
+    step = vehicle.rotors.thrust_max / AUTOPILOTS[kind].thrust_steps
+    slew = math.hypot(found.slew, rounding_slew(found.axes_slew, vehicle.rotors, step, script.dt))
+    return Figures(math.degrees(found.seen_rmse), slew, peak(law, script))
+
+
+def own_loops(kind: str, slew: float, Ms: float) -> Figures:
+    """Return the figures of an autopilot's own loops, tuned at a slew [N*m/s] and a sensitivity peak [-]."""
+    tuned = tune_gains(kind, VEHICLES, SCENARIO, slew=slew, sensitivity_peak=Ms)
+    return Figures(math.degrees(tuned.seen_rmse), tuned.slew, tuned.Ms)
+
+
+def at_price_of(kind: str, cutoff: float = GYRO_FILTER) -> tuple[Figures, Figures]:
+    """Return `flagship` inside an autopilot, and its own loops tuned at that slew and sensitivity peak."""
+    ours = inside(kind, cutoff)
+    theirs = own_loops(kind, ours.slew, PEAKS[kind, cutoff])
+    assert (theirs.slew, theirs.Ms) == pytest.approx((ours.slew, ours.Ms), rel=EQUAL)
+    return ours, theirs
+
+
+def test_a_law_behind_a_filter_is_the_law_of_the_filtered_gyro() -> None:
+    law, omega = load_law("flagship"), np.array([1.0, 30.0, 200.0])
+    b0, b1, b2, a1, a2 = butterworth(GYRO_FILTER, 1.0 / law.dt)
+    late = np.exp(-1j * omega * law.dt)
+    low_pass = (b0 + b1 * late + b2 * late**2) / (1.0 + a1 * late + a2 * late**2)
+    found, plain = (loop_law(each).response(omega) for each in (behind_filter(law, GYRO_FILTER), law))
+    assert np.allclose(found[:, :, :3], low_pass[:, None, None] * plain[:, :, :3], rtol=1e-9)
+
+
+def test_the_readme_s_gain_at_an_equal_price_is_derived_anew() -> None:
+    (derived,) = re.findall(r"derives (\d+) % and (\d+) % less", README)
+    for kind, percent in zip(("px4", "ardupilot"), derived, strict=True):
+        ours, theirs = at_price_of(kind)
+        assert 100.0 * (1.0 - ours.error / theirs.error) == pytest.approx(float(percent), abs=1.0)
+
+
+def test_behind_px4_s_usual_filter_its_own_loops_are_as_good_at_the_same_price() -> None:
+    ours, theirs = at_price_of("px4", USUAL_FILTER)
+    assert ours.Ms > 1.1 * inside("px4").Ms
+    assert theirs.error < 1.05 * ours.error
+
+
+def test_with_slew_to_spare_ardupilot_s_own_loops_are_better() -> None:
+    ours = inside("ardupilot")
+    theirs = own_loops("ardupilot", 41.0, 1.4)
+    assert theirs.Ms == pytest.approx(ours.Ms, rel=EQUAL)
+    assert theirs.error < 0.9 * ours.error

@@ -1,0 +1,88 @@
+"""Help that fits on a screen: options and lines of every command at 80 columns, in the order of the main road."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from gustproof.cli.app import PANELS, app
+from gustproof.cli.judge import _print_next
+from gustproof.studies.rate import advice
+from gustproof.studies.rate.judge import Verdict
+
+MOST_OPTIONS, MOST_LINES = 12, 60
+LONGER = {"fly": 16, "campaign fly": 16}
+"""Commands with more options, and how many."""
+
+
+def commands(command: Any = None, *path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    command = command or typer.main.get_command(app)
+    yield path, command
+    for name, each in getattr(command, "commands", {}).items():
+        yield from commands(each, *path, name)
+
+
+@pytest.fixture(scope="module")
+def helps() -> dict[str, list[str]]:
+    run = CliRunner()
+    wide = {"COLUMNS": "80", "TERMINAL_WIDTH": "80"}
+    shown = {" ".join(path): run.invoke(app, [*path, "--help"], env=wide) for path, _ in commands()}
+    assert {result.exit_code for result in shown.values()} == {0}
+    return {name: result.stdout.rstrip().splitlines() for name, result in shown.items()}
+
+
+def test_no_command_has_more_options_than_a_reader_holds() -> None:
+    counts = {" ".join(path): sum(p.param_type_name == "option" for p in each.params) for path, each in commands()}
+    assert {name: n for name, n in counts.items() if n > LONGER.get(name, MOST_OPTIONS)} == {}
+
+
+def test_no_help_is_longer_than_a_screen(helps: dict[str, list[str]]) -> None:
+    assert {name: len(lines) for name, lines in helps.items() if len(lines) > MOST_LINES} == {}
+    assert max(len(line) for lines in helps.values() for line in lines) <= 80
+
+
+def test_the_first_help_has_the_main_road_on_top_and_a_line_for_each_command(helps: dict[str, list[str]]) -> None:
+    found = [line.split()[1] for line in helps[""] if line.startswith(("╭─", "│ ")) and "--" not in line]
+    names = [word for panel in PANELS for word in (panel.split()[0], *PANELS[panel])]
+    assert [word for word in found if word in names] == names
+
+
+def test_every_mode_of_a_group_is_told_by_its_help(helps: dict[str, list[str]]) -> None:
+    for path, each in commands():
+        for mode in getattr(each, "commands", {}):
+            assert any(line.split()[1:2] == [mode] for line in helps[" ".join(path)]), (path, mode)
+
+
+@pytest.mark.parametrize(
+    ("kind", "gains", "verdict", "better", "words"),
+    [
+        (None, "my-law.json", Verdict.SOUND, None, "export my-law.json --vehicle q.toml --px4 my-law-px4"),
+        (None, "my-law.json", Verdict.FRAGILE, None, None),
+        (None, "my-law.json", Verdict.FRAGILE, "b.json", "export b.json --vehicle q.toml --px4 b-px4"),
+        ("px4", "my.params", Verdict.SOUND, None, "fly air --autopilot px4 --params my.params --vehicle q.toml"),
+        ("px4", "my.params", Verdict.FRAGILE, None, "judge my.params --vehicle q.toml --better better.params"),
+        ("px4", "a.ulg", Verdict.FRAGILE, "b.params", "fly air --autopilot px4 --params b.params --vehicle q.toml"),
+        ("px4", "a.ulg", Verdict.SOUND, None, None),
+    ],
+)
+def test_a_verdict_is_followed_by_the_command_that_leads_to_the_board(
+    kind: str | None, gains: str, verdict: Verdict, better: str | None, words: str | None,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(advice, "autopilot_kind", lambda _: kind)
+    found: Any = SimpleNamespace(law=None, verdict=verdict)
+    tuned: Any = SimpleNamespace() if better or kind else None
+    _print_next(found, tuned, gains, "q.toml", "air", None if better is None else Path(better))
+    assert capsys.readouterr().out == ("" if words is None else f"next: gustproof {words}\n")
+
+
+@pytest.mark.parametrize("group", ["campaign", "certify", "design", "law", "scenario", "vehicle"])
+def test_a_group_without_a_mode_shows_its_modes_and_does_nothing(group: str, helps: dict[str, list[str]]) -> None:
+    result = CliRunner().invoke(app, [group], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"})
+    assert result.exit_code == 2
+    assert result.stdout.splitlines() == helps[group]
+    assert not result.stderr

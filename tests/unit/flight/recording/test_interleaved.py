@@ -1,0 +1,53 @@
+"""Messages written many at once are the bytes that rosbags writes one by one."""
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from gustproof.flight.recording.interleaved import BagWriter
+from gustproof.flight.recording.mcap import messages
+
+SIZES, N = (4, 3000, 1500), 1000
+ROWS = [np.random.default_rng(size).bytes(size * N) for size in SIZES]
+
+
+def write(folder, kind, write_all):
+    """Return the files of a bag of three topics between two single messages."""
+    writer = kind(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        about, *topics = (
+            writer.add_connection(f"/{name}", "a/msg/A", msgdef="uint8 x", rihs01="0") for name in ("about", *"abc")
+        )
+        writer.write(about, 7, b"before")
+        write_all(writer, topics)
+        writer.write(about, 9, b"after")
+    return [(path.name, path.read_bytes()) for path in sorted((folder / "bag").iterdir())]
+
+
+@pytest.mark.parametrize("stamps", [np.arange(N) * 4000, np.arange(N)[::-1] * 1000], ids=["forth", "back"])
+def test_many_at_once_are_the_bytes_of_one_by_one(stamps, tmp_path):
+    def many(writer, topics):
+        rows = [np.frombuffer(payload, dtype=f"V{size}") for payload, size in zip(ROWS, SIZES, strict=True)]
+        writer.write_interleaved(stamps, list(zip(topics, rows, strict=True)))
+
+    def one_by_one(writer, topics):
+        for i, stamp in enumerate(stamps.tolist()):
+            for topic, payload, size in zip(topics, ROWS, SIZES, strict=True):
+                writer.write(topic, stamp, payload[i * size : (i + 1) * size])
+
+    (tmp_path / "many").mkdir()
+    (tmp_path / "one").mkdir()
+    files = write(tmp_path / "many", BagWriter, many)
+    assert files == write(tmp_path / "one", Writer, one_by_one)
+    assert [name for name, _ in files] == ["bag.mcap", "metadata.yaml"]
+    assert len(files[0][1]) > 4 << 20  # more than four chunks
+
+
+def test_nothing_is_written_of_no_rows_or_topics(tmp_path):
+    def nothing(writer, topics):
+        writer.write_interleaved(np.arange(0), [(topics[0], np.zeros(0, dtype="V4"))])
+        writer.write_interleaved(np.arange(3), [])
+
+    write(tmp_path, BagWriter, nothing)
+    assert list(messages(tmp_path / "bag" / "bag.mcap")) == [("/about", 7, b"before"), ("/about", 9, b"after")]

@@ -1,0 +1,332 @@
+"""Identification against the truth: simulated logs of random vehicles, and real flights."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import GRAVITY, Vehicle, load_vehicle
+from firmware_model.errors import ConfigError
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
+from gustproof.law.form import Law, Provenance
+from gustproof.logs.identify.identification import Interval
+from gustproof.logs.identify.identify_vehicle import _Axis, identify
+from gustproof.logs.identify.likelihood import DAMPING, GAINS, HIGHEST_DAMPING
+from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
+from gustproof.logs.read.read_log import read_log
+from gustproof.types import Array, Records
+
+_Random = np.random.Generator
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """Numbers behind a simulated log."""
+
+    gain: Array
+    """(3,) [rad/s^2 per N*m]."""
+    lag: float
+    """[s]."""
+    delay: float
+    """[s] from the log's command to the start of its effect."""
+    disturbance_rms: Array
+    """(3,) [rad/s^2] in this flight, about the mean."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """Estimates of one log against the truth; intervals are divided by it, those of the delay hold differences."""
+
+    seed: int
+    """Seed of the log."""
+    lag: Interval | None
+    """[-]."""
+    delay: Interval | None
+    """[s] estimate minus truth."""
+    gains: tuple[Interval, ...]
+    """[-] of the excited axes."""
+    disturbance_db: tuple[float, ...]
+    """[dB] of each axis."""
+
+
+def random_log(
+    seed: int, *, duration: float = 60.0, excited: bool = True, windy: bool = True
+) -> tuple[FlightLog, Truth]:
+    """Return the log of a random vehicle, .03 to 25 kg, flown by a PID, and the truth behind it.
+
+    Its control rate is 250 to 1000 Hz and its log keeps a whole fraction of the samples, at 100 Hz or more. Single
+    samples are lost, and up to three stretches. The clocks of command and gyro differ, so the delay is no whole number
+    of samples. Without `excited` the reference is level, without `windy` the air is still.
+    """
+    random = np.random.default_rng(seed)
+    rate = int(random.choice([250, 500, 1000]))
+    keep = int(random.choice([k for k in (1, 2, 4, 5) if rate % k == 0 and rate // k >= 100]))
+    late = int(random.integers(0, round(0.015 * rate) + 1))
+    offset, lag = random.uniform(0.0, 0.012), _log_uniform(random, 0.01, 0.12)
+    quickness = random.uniform(0.25, 0.45) / (lag + late / rate + offset + 1.0 / rate)
+    gains = Gains(
+        angle_p=min(quickness * random.uniform(0.25, 0.4), 8.0),
+        rate_p=min(quickness, 25.0),
+        rate_i=quickness**2 * random.uniform(0.05, 0.2),
+        rate_d=quickness * min(lag, 0.05) * random.uniform(0.0, 0.5),
+    )
+    vehicle = _random_vehicle(random, lag, gains.rate_p * gains.angle_p)
+    law = _make_law(vehicle, gains, 1.0 / rate)
+    calm = load_scenario("paper-turbulence")
+    scenario = replace(
+        calm,
+        duration_s=duration,
+        control_rate_hz=rate,
+        physics_rate_hz=2000,
+        delay_samples=late,
+        require=(),
+        wind=calm.wind if windy else (),
+    )
+    reference = _random_steps(random, scenario.samples, rate) * excited
+    records = fly_direct(scenario, law, vehicle=vehicle, seed=seed, reference=reference)
+    log = _write_log(random, records, reference, late, keep, offset)
+    moment = records["moment_B"] / np.array(vehicle.inertia_B)
+    acceleration = moment + np.array(vehicle.rate_damping_B) * records["gust_omega_B"]
+    return log, Truth(
+        gain=1.0 / np.array(vehicle.inertia_B),
+        lag=lag,
+        delay=late / rate + offset,
+        disturbance_rms=np.std(acceleration, axis=0),
+    )
+
+
+def run_trials(seeds: Iterable[int]) -> Iterator[Trial]:
+    """Identify a random log for each seed and yield the estimates against the truth."""
+    for seed in seeds:
+        log, truth = random_log(seed)
+        found = identify(log)
+        rms = [axis.disturbance_rms for axis in found.axes] / truth.disturbance_rms
+        yield Trial(
+            seed=seed,
+            lag=found.actuator_lag and Interval(*(end / truth.lag for end in found.actuator_lag)),
+            delay=found.delay and Interval(*(end - truth.delay for end in found.delay)),
+            gains=tuple(
+                Interval(*(end / gain for end in axis.gain))
+                for axis, gain in zip(found.axes, truth.gain.tolist(), strict=True)
+                if axis.gain is not None
+            ),
+            disturbance_db=tuple((20.0 * np.log10(rms)).tolist()),
+        )
+
+
+def _log_uniform(random: _Random, low: float, high: float) -> float:
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
+def _random_vehicle(random: _Random, lag: float, stiffness: float) -> Vehicle:
+    """Return a vehicle whose gusts lean it by degrees under an attitude loop of some `stiffness` [1/s^2]."""
+    paper, mass = load_vehicle("paper"), _log_uniform(random, 0.03, 25.0)
+    size = (mass / paper.mass) ** (1.0 / 3.0)
+    I_x = paper.inertia_B[0] * size**5 * _log_uniform(random, 0.6, 1.6)
+    I_y = I_x * random.uniform(0.7, 1.3)
+    I_z = max((I_x + I_y) * random.uniform(0.4, 0.95), 1.05 * abs(I_x - I_y))
+    gust = stiffness * _log_uniform(random, 0.005, 0.06) / 2.5  # [rad/s^2 per m/s], in gusts of about 2.5 m/s
+    a, b, c, d = ((size * x, size * y, size * z) for x, y, z in paper.rotors.position_B)
+    return replace(
+        paper,
+        name="random",
+        mass=mass,
+        inertia_B=(I_x, I_y, I_z),
+        actuator_lag=lag,
+        torque_limit=(60.0 * I_x, 60.0 * I_y, 60.0 * I_z),
+        span=size * paper.span,
+        gust_gain=gust * I_x,
+        gust_yaw_ratio=random.uniform(0.1, 0.5) * I_z / I_x,
+        rate_damping=random.uniform(0.0, 0.5),
+        rotors=replace(paper.rotors, position_B=(a, b, c, d), thrust_max=0.5 * GRAVITY * mass),
+        gyro=replace(paper.gyro, snr_db=paper.gyro.snr_db + random.uniform(-9.5, 9.5)),
+    )
+
+
+def _make_law(vehicle: Vehicle, gains: Gains, dt: float) -> Law:
+    axes = [strapdown_axis(gains, inertia, dt) for inertia in vehicle.inertia_B]
+    return cascade_law("trial", axes, vehicle, dt, Provenance(design="trial", vehicle=vehicle.name))
+
+
+def _random_steps(random: _Random, samples: int, rate: int) -> Array:
+    """Return attitude references (samples, 3) [rad]: steps at random times, each axis on its own."""
+    reference, largest = np.zeros((samples, 3)), np.radians(random.uniform(8.0, 25.0))
+    for axis in range(3):
+        begin = rate
+        while begin < samples:
+            end = begin + int(rate * random.uniform(0.3, 1.5))
+            reference[begin:end, axis] = largest * random.uniform(-1.0, 1.0)
+            begin = end
+    return reference
+
+
+def _write_log(random: _Random, records: Records, reference: Array, late: int, keep: int, offset: float) -> FlightLog:
+    """Return the log of a flight: every `keep`-th sample, some lost; a command stands `offset` [s] early in it."""
+    time = records["time_us"] * 1e-6
+    kept = np.arange(0, len(time) - late, keep)
+    kept = kept[random.random(len(kept)) > random.uniform(0.0, 0.05)]
+    for _ in range(int(random.integers(0, 4))):
+        begin = random.uniform(0.0, time[-1])
+        kept = kept[(time[kept] < begin) | (time[kept] > begin + random.uniform(0.02, 0.3))]
+    return FlightLog(
+        source="trial",
+        system="csv",
+        gyro=LogSignal(time=time[kept], values=records["gyro_B"][kept]),
+        command=LogSignal(time=time[kept] - offset, values=records["torque_command_B"][kept + late]),
+        command_unit=CommandUnit.NEWTON_METRES,
+        reference=LogSignal(time=time[kept], values=reference[kept]),
+    )
+
+
+SEEDS = (1000, 1011)
+
+
+@pytest.fixture(scope="module")
+def brief() -> FlightLog:
+    return random_log(1011, duration=20.0)[0]
+
+
+def test_trials_have_the_truth_inside_the_intervals():
+    trials = list(run_trials(SEEDS))
+    for trial in trials:
+        assert trial.lag is not None
+        assert trial.delay is not None
+        assert len(trial.gains) == 3
+        assert all(low <= 1.0 <= high for low, _, high in (trial.lag, *trial.gains))
+        assert trial.delay.low <= 0.0 <= trial.delay.high
+        assert max(map(abs, trial.disturbance_db)) < 2.0
+    assert np.median([abs(gain.nominal - 1.0) for trial in trials for gain in trial.gains]) < 0.05
+    assert np.median([abs(trial.lag.nominal - 1.0) for trial in trials if trial.lag]) < 0.1
+
+
+def test_filtered_gyro_is_used_with_wider_spacing(brief):
+    """Means of samples, as PX4 logs them: their coloured noise once turned delay into lag."""
+    values = brief.gyro.values
+    for _ in range(2):
+        values = 0.5 * (values + np.roll(values, 1, axis=0))
+    time = brief.gyro.time - np.median(np.diff(brief.gyro.time))
+    found = identify(replace(brief, gyro=LogSignal(time=time[2:], values=values[2:])))
+    assert any("filtered before it is logged: one sample in 8 ms is used" in line for line in found.findings)
+    truth = random_log(1011, duration=20.0)[1]
+    assert found.actuator_lag.low < truth.lag < found.actuator_lag.high
+    assert all(axis.gain.low < gain < axis.gain.high for axis, gain in zip(found.axes, truth.gain, strict=True))
+
+
+def test_log_with_more_than_the_flight_is_told(brief):
+    """Commands that move nothing, as before take-off, contradict those in flight."""
+    still = np.where((brief.gyro.time > 10.0)[:, None], brief.gyro.values, 0.001)
+    found = identify(replace(brief, gyro=LogSignal(time=brief.gyro.time, values=still)))
+    assert all(axis.gain is None for axis in found.axes)
+
+
+def test_still_hover_is_told_as_unexcited():
+    log, _ = random_log(1011, duration=30.0, excited=False, windy=False)
+    found = identify(log)
+    assert found.actuator_lag is None
+    assert found.delay is None
+    assert all(axis.gain is None and axis.damping is None and axis.held_out_r2 is None for axis in found.axes)
+    for name, axis in zip(("roll", "pitch", "yaw"), found.axes, strict=True):
+        assert axis.advice.startswith(f"{name} is not excited")
+        assert "chirp" in axis.advice
+        assert f"{name} is not identified" in found.findings
+
+
+def test_identification_predicts_and_repeats_its_bits(brief):
+    told = list[float]()
+    first, second = identify(brief, progress=told.append), identify(brief)
+    assert told == sorted(told)
+    assert 0.0 < told[0] < told[-1] <= 1.0
+    assert [axis.gain for axis in first.axes] == [axis.gain for axis in second.axes]
+    assert (first.actuator_lag, first.delay) == (second.actuator_lag, second.delay)
+    assert all(np.array_equal(getattr(first, n), getattr(second, n)) for n in ("time", "predicted", "response"))
+    assert min(axis.held_out_r2 for axis in first.axes) > 0.7
+    assert first.acceleration.shape == first.predicted.shape == (len(first.time), 3)
+    assert np.all(np.diff(first.time) > 0.0)
+
+
+def test_measured_response_agrees_with_the_model(brief):
+    found = identify(brief)
+    seen = found.coherence > 0.9
+    assert np.all(seen.sum(axis=1) > 5)
+    apart = np.abs(found.response / found.model - 1.0)[seen]
+    assert np.median(apart) < 0.15
+
+
+def test_clock_offset_of_the_command_is_its_delay(brief):
+    near = identify(brief)
+    early = replace(brief, command=LogSignal(time=brief.command.time - 0.005, values=brief.command.values))
+    assert identify(early).delay.nominal - near.delay.nominal == pytest.approx(0.005, abs=5e-4)
+
+
+def test_slow_and_fast_motors_are_told_apart():
+    """Four motors, thrust the square of a lagged command, in place of the torque command."""
+    random, dt, lag = np.random.default_rng(1), 0.002, 0.06
+    gains = np.array([[-300.0, -250.0, 280.0, 270.0], [260.0, -240.0, -290.0, 250.0], [30.0, -30.0, 30.0, -30.0]])
+    held = np.repeat(0.5 + 0.05 * random.standard_normal((100, 4)), 100, axis=0)
+    speed, rates = held[0].copy(), np.zeros((len(held), 3))
+    for k in range(1, len(held)):
+        speed += (held[k - 1] - speed) * -np.expm1(-dt / lag)
+        rates[k] = rates[k - 1] + dt * (gains @ (speed**2 - 0.25) - rates[k - 1])
+    time = dt * np.arange(len(held))
+    noisy = rates + 0.01 * random.standard_normal(rates.shape)
+    found = identify(
+        FlightLog(
+            source="x", system="csv", gyro=LogSignal(time=time, values=noisy), motors=LogSignal(time=time, values=held)
+        )
+    )
+    assert found.actuator_lag.nominal == pytest.approx(lag, rel=0.03)
+    assert found.motor_gains == pytest.approx(gains, rel=0.05)
+    assert np.all(found.motor_intervals[..., 0] < found.motor_intervals[..., 1])
+
+
+def test_crazyflie_in_flight_is_predicted_over_its_last_third():
+    """The whole flight has a lag of .0639 s, published is .072 s; another flight of that vehicle has .055 s."""
+    found = identify(read_log(Path(__file__).parent / "data" / "crazyflie.log"))
+    assert min(found.axes[0].held_out_r2, found.axes[1].held_out_r2) >= 0.85
+    assert found.actuator_lag.low < 0.0639 < found.actuator_lag.high < 0.075
+    roll, pitch, _ = found.motor_gains
+    assert np.all(np.sign(roll) == [-1, -1, 1, 1])
+    assert np.all(np.sign(pitch) == [1, -1, -1, 1])
+    assert np.all((np.abs([roll, pitch]) > 200.0) & (np.abs([roll, pitch]) < 360.0))
+
+
+def test_logs_without_commands_or_too_short_are_refused(brief):
+    with pytest.raises(ConfigError, match="neither torque commands nor motor outputs"):
+        identify(replace(brief, command=None))
+    with pytest.raises(ConfigError, match="too short"):
+        identify(replace(brief, airborne=((1.0, 6.0),)))
+
+
+@pytest.mark.parametrize("gain", [1e-6, 1.0, 1e6])  # a gain has the unit of its command
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, True),
+        ({"spread": 0.29}, True),
+        ({"spread": 0.31}, False),
+        ({"explained": 0.005, "spread": 0.09}, True),
+        ({"explained": 0.005, "spread": 0.11}, False),
+        ({"explained": 0.0}, False),
+        ({"damping": HIGHEST_DAMPING}, False),
+        ({"sign": -1.0}, False),
+        ({"sign": -1.0, "square": True}, True),
+        ({"sign": 0.0}, False),
+    ],
+)
+def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, told):
+    given = {"spread": 0.0, "explained": 0.9, "damping": 0.5, "sign": 1.0, "square": False, **changes}
+    theta = np.zeros(GAINS + 2)  # one channel, and the trim
+    theta[DAMPING], theta[GAINS] = given["damping"], given["sign"] * gain
+    replicates = np.tile(theta, (41, 1))
+    replicates[:, GAINS] *= 1.0 + given["spread"] / 0.95 * np.linspace(-1.0, 1.0, 41)  # their 95 % are the spread
+    curves = SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: given["explained"])
+    axis = _Axis(
+        data=SimpleNamespace(square=given["square"]),
+        theta=theta, replicates=replicates, unexplained=0.0, curves=curves,
+    )  # fmt: skip
+    assert (axis.gain is not None) == told

@@ -1,0 +1,64 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gustproof.logs.identify.spectra import frequency_response
+from gustproof.logs.identify.stretches import cut_stretch, find_stretches, keep_first, keep_rest, limit_time
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+
+
+def _signal(begin: float, end: float, dt: float, *lost: tuple[float, float]) -> LogSignal:
+    time = np.arange(begin, end, dt)
+    kept = np.all([(time < a) | (time >= b) for a, b in lost], axis=0) if lost else np.full(len(time), True)
+    return LogSignal(time=time[kept], values=np.column_stack([time[kept]] * 3))
+
+
+def test_stretches_end_at_long_gaps_of_either_signal():
+    log = FlightLog(source="x", system="csv", gyro=_signal(0.0, 30.0, 0.002, (10.0, 10.5), (12.0, 12.02)))
+    command = _signal(0.5, 29.0, 0.004, (20.0, 21.0))
+    assert find_stretches(log, command) == [
+        pytest.approx(span) for span in ((0.5, 9.998), (10.5, 19.996), (21.0, 28.996))
+    ]
+    flown = replace(log, airborne=((2.0, 8.0), (15.0, 17.0)))
+    assert find_stretches(flown, command) == [pytest.approx((3.5, 6.5))]
+
+
+def test_first_and_rest_share_the_time():
+    spans = [(0.0, 10.0), (20.0, 40.0)]
+    assert keep_first(spans, 2.0 / 3.0) == [pytest.approx(span) for span in ((0.0, 10.0), (20.0, 30.0))]
+    assert keep_rest(spans, 2.0 / 3.0) == [pytest.approx((30.0, 40.0))]
+
+
+def test_long_logs_are_cut_to_their_liveliest_pieces():
+    command = _signal(0.0, 100.0, 0.01)
+    lively = (command.time > 40.0) & (command.time < 60.0)
+    command = LogSignal(time=command.time, values=np.where(lively, np.sin(30.0 * command.time), 0.0)[:, None])
+    assert limit_time([(0.0, 100.0)], command, 20.0) == [(40.0, 50.0), (50.0, 60.0)]
+    assert limit_time([(0.0, 15.0)], command, 20.0) == [(0.0, 15.0)]
+
+
+def test_bins_average_what_is_there_and_lost_commands_are_filled():
+    gyro, command = _signal(0.0, 5.0, 0.001, (2.0, 2.006)), _signal(0.0, 5.0, 0.004, (3.0, 3.02))
+    stretch = cut_stretch(gyro, command, 0.0, 5.0)
+    assert stretch.rate[:, 0] == pytest.approx(stretch.time, abs=1e-9)
+    assert stretch.count.sum() == len(stretch.gyro_time)
+    assert np.diff(stretch.command_time) == pytest.approx(np.full(len(stretch.command_time) - 1, 0.004))
+    assert stretch.command[:, 0] == pytest.approx(stretch.command_time)
+
+
+def test_reference_is_an_instrument_against_the_disturbance():
+    """In a closed loop the direct response leans to that of the inverse controller; the instrument's does not."""
+    random, dt, n = np.random.default_rng(5), 0.01, 60_000
+    reference, disturbance = random.standard_normal((2, n))
+    command, rate = np.zeros(n), np.zeros(n)
+    for k in range(n - 1):
+        command[k] = 2.0 * (reference[k] - rate[k])
+        rate[k + 1] = rate[k] + dt * (3.0 * command[k] + 20.0 * disturbance[k])
+    truth = 3.0
+    direct = frequency_response([(command, rate, None)], dt, 3.0)
+    free = frequency_response([(command, rate, reference)], dt, 3.0)
+    low = direct.omega < 4.0
+    assert np.median(np.abs(free.response[low])) == pytest.approx(truth, rel=0.15)
+    assert np.median(np.abs(direct.response[low])) < 0.8 * truth
+    assert np.all((free.coherence >= 0.0) & (free.coherence <= 1.0))

@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+
+from gustproof.logs.read.assemble import Draft, Rows, assemble, euler_angles
+
+
+def rows(time_s: np.ndarray, values: np.ndarray, position: np.ndarray | None = None) -> Rows:
+    place = np.arange(len(time_s)) if position is None else position
+    return Rows(position=place, time_us=time_s * 1e6, values=values.reshape(len(time_s), -1))
+
+
+def draft(time_s: np.ndarray, gyro: np.ndarray | None = None, **signals: Rows) -> Draft:
+    noise = np.random.default_rng(1).normal(size=(len(time_s), 3)) if gyro is None else gyro
+    return Draft(source="a.log", system="test", rows={"gyro": rows(time_s, noise), **signals})
+
+
+def findings(log_draft: Draft, word: str) -> list[str]:
+    return [line for line in assemble(log_draft).findings if word in line]
+
+
+TIME = np.arange(2000) * 0.002
+
+
+def test_assemble_starts_the_clock_at_the_first_sample_of_any_signal() -> None:
+    log = assemble(draft(TIME + 1.7e9, attitude=rows(TIME[::10] + 1.7e9 - 0.5, np.zeros((200, 3)))))
+    assert log.gyro.time[0] == pytest.approx(0.5, abs=1e-6)
+    assert log.attitude is not None
+    assert log.attitude.time[0] == 0.0
+
+
+def test_assemble_keeps_the_longest_piece_of_a_clock_that_is_set_anew() -> None:
+    clock = np.concatenate([TIME[:500] + 90.0, TIME[:1500]])
+    motors = rows(np.concatenate([TIME[:500] + 90.0, TIME[:400]]), np.linspace(0.1, 1.0, 900))
+    log = assemble(draft(clock, motors=motors))
+    assert log.motors is not None
+    assert (len(log.gyro.time), len(log.motors.time)) == (1500, 400)
+    assert log.gyro.time[0] == 0.0
+    assert "clock: set anew 1 times; the longest piece is kept, 3.0 s with 1,500 of 2,000 gyro samples" in log.findings
+
+
+def test_assemble_leaves_out_one_absurd_stamp() -> None:
+    clock = TIME.copy()
+    clock[700] = 1e9
+    log = assemble(draft(clock))
+    assert len(log.gyro.time) == 1299
+    assert np.all(np.diff(log.gyro.time) > 0.0)
+
+
+def test_assemble_leaves_out_what_is_no_number_and_what_comes_twice() -> None:
+    gyro = np.random.default_rng(2).normal(size=(2000, 3))
+    gyro[5, 1], gyro[6, 2], gyro[7, 0] = np.nan, 1e30, np.inf
+    clock = TIME.copy()
+    clock[100] = clock[99]
+    clock[200] = clock[190]
+    log = assemble(draft(clock, gyro))
+    assert len(log.gyro.time) == 1995
+    assert "gyro: 3 of 2,000 samples are no plausible numbers: left out" in log.findings
+    assert "gyro: 2 of 1,997 samples are out of order or twice: left out" in log.findings
+
+
+def test_assemble_tells_gaps_and_slow_signals() -> None:
+    kept = np.delete(TIME, [50, 51, 52, 700])
+    assert findings(draft(kept), "gaps") == ["gyro: 2 gaps, 4 samples lost (0.2 %), longest gap 0.008 s"]
+    assert findings(draft(TIME[::10]), "Hz") == ["gyro: 50 Hz; identification needs 100 Hz or more"]
+    assert not findings(draft(TIME), "gyro")
+
+
+def test_assemble_tells_a_clipped_gyro() -> None:
+    gyro = np.column_stack([40.0 * np.sin(3.0 * TIME), np.clip(40.0 * np.sin(3.0 * TIME), -34.9, 34.9), 0.0 * TIME])
+    assert findings(draft(TIME, gyro), "clipped") == ["gyro: clipped at its range of 40 rad/s, axis y"]
+
+
+def test_assemble_finds_the_stretches_in_the_air_by_the_motors() -> None:
+    running = ((TIME > 0.3) & (TIME < 1.8)) | ((TIME > 2.0) & (TIME < 3.5)) | (TIME > 3.7)
+    log = assemble(draft(TIME, motors=rows(TIME, np.where(running, 0.5, 0.05))))
+    assert len(log.airborne) == 1
+    assert log.airborne[0] == pytest.approx((0.302, 3.998), abs=1e-9)
+    assert not findings(draft(TIME, motors=rows(TIME, 0.0 * TIME + 0.4)), "airborne")
+    assert findings(draft(TIME), "airborne") == ["airborne: not told, and no motors: the whole log is taken"]
+
+
+def test_assemble_takes_the_stretches_that_the_log_tells() -> None:
+    told = draft(TIME)
+    told.in_air = rows(np.array([0.0, 0.3, 1.0, 2.5, 3.6]), np.array([1.0, 0.0, 1.0, 0.0, 1.0]))
+    assert assemble(told).airborne == ((1.0, 2.5),)
+    told.in_air = rows(np.array([0.0, 3.4]), np.array([0.0, 1.0]))
+    assert assemble(told).airborne[0] == pytest.approx((3.4, 3.998))
+    told.in_air = rows(np.array([0.0]), np.array([0.0]))
+    assert assemble(told).airborne == ()
+    assert "airborne: never, by this log" in assemble(told).findings
+
+
+def test_euler_angles_of_known_rotations() -> None:
+    half = np.sqrt(0.5)
+    q_NB = np.array(
+        [[1.0, 0, 0, 0], [half, half, 0, 0], [half, 0, half, 0], [2.0 * half, 0, 0, 2.0 * half], [0, 0, 0, 0]]
+    )
+    angles = euler_angles(q_NB)
+    assert angles[:2] == pytest.approx(np.array([[0, 0, 0], [np.pi / 2, 0, 0]]))
+    assert angles[2, 1] == pytest.approx(np.pi / 2)
+    assert angles[3] == pytest.approx([0, 0, np.pi / 2])
+    assert np.all(np.isnan(angles[4]))
+
+
+def test_assemble_without_a_motor_in_use_has_no_motors() -> None:
+    log = assemble(draft(TIME, motors=rows(TIME, np.empty((2000, 0)))))
+    assert log.motors is None
+    assert "motors: none in this log" in log.findings
+
+
+def test_assemble_refuses_a_vector_of_two() -> None:
+    with pytest.raises(ValueError, match="gyro has 2 components, must have 3"):
+        assemble(draft(TIME, gyro=np.zeros((2000, 2))))

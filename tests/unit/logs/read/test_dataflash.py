@@ -1,0 +1,84 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink import DFReader
+
+from gustproof.logs.read.flight_log import CommandUnit
+from gustproof.logs.read.read_log import read_log
+
+Write = Callable[[str, bytes], Path]
+Messages = dict[str, tuple[str, str, list[tuple[Any, ...]]]]
+
+
+def test_read_log_of_ardupilot_maps_messages_to_signals(
+    written: Write, ardupilot_log: bytes, ardupilot_messages: Messages
+) -> None:
+    log = read_log(written("any.name", ardupilot_log))
+    assert (log.system, log.command_unit) == ("ardupilot", CommandUnit.NORMALISED)
+    assert log.gyro.time == pytest.approx(0.0025 * np.arange(800))
+    assert np.array_equal(log.gyro.values, [row[2:5] for row in ardupilot_messages["IMU"][2][::2]])
+    assert log.command is not None
+    assert log.command.values[3] == pytest.approx([0.1, 0.2, -0.3])
+    assert log.motors is not None
+    # The outputs of motors 1 to 4 are 2, 1, 5 and 4; 1100 us is off, 1900 us full.
+    assert log.motors.values[9] == pytest.approx([0.25, 0.5, 0.625, 0.375])
+    assert log.attitude is not None
+    assert log.attitude.values[9] == pytest.approx(np.deg2rad([2.0, -3.0, -90.0]))
+    assert log.reference is not None
+    assert log.reference.values[9] == pytest.approx(np.deg2rad([1.0, 0.0, 0.0]))
+    assert log.airborne[0] == pytest.approx((0.5, 1.5))
+    assert log.parameters["ATC_RAT_RLL_P"] == pytest.approx(0.2)
+    assert log.findings == ("parameters: changed in this log, the last value counts: ATC_RAT_RLL_P",)
+
+
+def test_read_log_of_ardupilot_matches_pymavlink(written: Write, ardupilot_log: bytes) -> None:
+    path = written("a.bin", ardupilot_log)
+    log, theirs = read_log(path), DFReader.DFReader_binary(str(path))
+    messages = []
+    while (message := theirs.recv_match(type=["IMU", "RATE"])) is not None:
+        messages.append(message)
+    imu = [(m.GyrX, m.GyrY, m.GyrZ) for m in messages if m.get_type() == "IMU" and m.I == 0]
+    rate = [(m.ROut, m.POut, m.YOut) for m in messages if m.get_type() == "RATE"]
+    theirs.close()
+    assert np.array_equal(log.gyro.values, imu)
+    assert log.command is not None
+    assert np.array_equal(log.command.values, rate)
+
+
+def test_read_log_of_ardupilot_takes_the_fastest_gyro(
+    written: Write, ardupilot_messages: Messages, make_dataflash: Callable[..., bytes]
+) -> None:
+    fast = [(5_000_000 + 1000 * i + 700, 0, 5_000_000 + 1000 * i, 0.1, 0.2, 0.3) for i in range(2000)]
+    ardupilot_messages["GYR"] = ("QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ", fast)
+    log = read_log(written("a.bin", make_dataflash(ardupilot_messages)))
+    assert log.gyro.time == pytest.approx(0.001 * np.arange(2000))
+    letters, columns, rows = ardupilot_messages.pop("IMU")
+    del ardupilot_messages["GYR"]
+    log = read_log(written("b.bin", make_dataflash({**ardupilot_messages, "IMU": (letters, columns, rows[::40])})))
+    assert len(log.gyro.time) == 400
+    assert log.gyro.values[0] == pytest.approx([1.0, 1.0, 1.0], abs=1e-3)  # RATE, in deg/s
+
+
+def test_read_log_of_ardupilot_without_events_goes_by_the_motors(
+    written: Write, ardupilot_messages: Messages, make_dataflash: Callable[..., bytes]
+) -> None:
+    letters, columns, rows = ardupilot_messages["RCOU"]
+    rows = [(t, *[1100] * 5) if t < 6_000_000 else (t, *outputs) for t, *outputs in rows]
+    ardupilot_messages |= {"RCOU": (letters, columns, rows), "EV": ("QB", "TimeUS,Id", [(5_500_000, 10)])}
+    log = read_log(written("a.bin", make_dataflash(ardupilot_messages)))
+    assert len(log.airborne) == 1
+    assert log.airborne[0][0] == pytest.approx(1.0)
+
+
+def test_read_log_of_ardupilot_tells_damage_and_reads_on_after_it(written: Write, ardupilot_log: bytes) -> None:
+    damaged = bytearray(ardupilot_log)
+    middle = len(damaged) // 2
+    damaged[middle : middle + 500] = bytes(500)
+    log = read_log(written("b.bin", bytes(damaged[:-1])))
+    assert 700 < len(log.gyro.time) < 800
+    assert log.gyro.time[-1] > 1.99
+    assert any(line.startswith("file: ") and "bytes are damaged: left out" in line for line in log.findings)
+    assert any(line.startswith("file: it ends within a message, ") for line in log.findings)

@@ -1,0 +1,95 @@
+"""Files that were damaged, or made to harm: one line each, and bounded memory."""
+
+import os
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from zlib import crc32
+
+import pytest
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
+from gustproof.flight.recording.bag import write_bag
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.law.form import load_law
+from gustproof.logs.read import kept
+from gustproof.logs.read.read_log import read_log
+
+Write = Callable[[str, bytes], Path]
+Check = Callable[..., None]
+EXCERPT = Path(__file__).parent / "data" / "crazyflie.log"
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot", "crazyflie", "bag", "csv"])
+def test_read_log_of_mutated_files(
+    check_mutations: Check, px4_log: bytes, ardupilot_log: bytes, tmp_path: Path, kind: str
+) -> None:
+    rows = b"".join(b"%d,1.5,-2,3e1\n" % i for i in range(300))
+    sources: dict[str, Callable[[], tuple[str, bytes]]] = {
+        "px4": lambda: ("a.ulg", px4_log),
+        "ardupilot": lambda: ("a.bin", ardupilot_log),
+        "crazyflie": lambda: ("log00", EXCERPT.read_bytes()),
+        "bag": lambda: ("a.mcap", own_bag(tmp_path)),
+        "csv": lambda: ("a.csv", b"time_s,p_dps,q_dps,r_dps\n" + rows),
+    }
+    check_mutations(*sources[kind]())
+
+
+def test_read_log_of_mutations_that_the_checksum_does_not_tell(check_mutations: Check) -> None:
+    check_mutations(
+        "log00", EXCERPT.read_bytes(), lambda mutated: mutated[:-4] + struct.pack("<I", crc32(mutated[:-4]))
+    )
+
+
+def own_bag(folder: Path) -> bytes:
+    """Return the .mcap file of a short flight."""
+    scenario = replace(load_scenario("paper-turbulence"), duration_s=0.2)
+    write_bag(folder / "flight", fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")), {})
+    return next((folder / "flight").glob("*.mcap")).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("a.ulg", b"", "is empty"),
+        ("a.csv", b"", "is empty"),
+        ("a.bin", b"GIF89a", "no flight log that is known; known are ULog"),
+        ("a.tlog", b"GIF89a", "no heartbeat of an autopilot in it"),
+        ("a.pdf", b"%PDF-1.7", "no flight log that is known"),
+        ("a.ulg", b"ULog\x01\x12\x35\x01", "no gyro in it"),
+        ("a.bin", b"\xa3\x95\x80", "no gyro in it"),
+        ("log00", b"\xbc", "its checksum is wrong"),
+        ("a.mcap", b"\x89MCAP0\r\n", "not an MCAP file"),
+        ("a.csv", b"\xff\xfe\x00\x01", "not a CSV"),
+        ("a.csv", b"time_s,p_dps,q_dps,r_dps\xff\n", "it is damaged"),
+    ],
+)
+def test_read_log_of_what_is_no_log(written: Write, name: str, content: bytes, fault: str) -> None:
+    path = written(name, content)
+    with pytest.raises(ConfigError, match=fault) as told:
+        read_log(path)
+    assert str(told.value).startswith(f"{path}: ")
+
+
+def test_read_log_of_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.ulg")
+    for path, fault in (
+        (tmp_path / "absent.ulg", "No such file or directory"),
+        (tmp_path / "pipe.ulg", "is a device or a pipe, must be a file"),
+        (Path("/dev/zero"), "is a device or a pipe, must be a file"),
+    ):
+        with pytest.raises(ConfigError) as told:
+            read_log(path)
+        assert str(told.value) == f"{path}: {fault}"
+
+
+def test_read_log_bounds_what_it_keeps(written: Write, px4_log: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept, "_KEPT", 20_000)
+    with pytest.raises(ConfigError, match="more than 0 MiB of the signals that are used: cut it"):
+        read_log(written("a.ulg", px4_log))
+    monkeypatch.setattr(kept, "_LARGEST", 1000)
+    with pytest.raises(ConfigError, match="is larger than"):
+        read_log(written("a.ulg", px4_log))

@@ -1,0 +1,99 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_model.errors import ConfigError
+from gustproof.logs.read import table
+from gustproof.logs.read.flight_log import CommandUnit
+from gustproof.logs.read.read_log import read_log
+
+
+def write(path: Path, header: str, rows: np.ndarray) -> Path:
+    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.fixture
+def flown() -> np.ndarray:
+    time = np.arange(400) * 0.002
+    return np.column_stack([time, *(np.sin((3.0 + i) * time) for i in range(3))])
+
+
+def test_read_log_of_a_table_takes_columns_by_name_and_unit(tmp_path: Path, flown: np.ndarray) -> None:
+    header = "# by hand\nr_dps, Time (ms),gyro_x [deg/s],q_radps,m1_us,m2_us,roll_cmd_nm,pitch_cmd_nm,yaw_cmd_nm,note"
+    motors = np.linspace(1000.0, 2000.0, 400)
+    columns = [flown[:, 3], 1e3 * flown[:, 0] + 77.0, flown[:, 1], flown[:, 2], motors, motors, *flown.T[1:], motors]
+    log = read_log(write(tmp_path / "log.csv", header, np.column_stack(columns)))
+    assert log.system == "csv"
+    assert log.command_unit is CommandUnit.NEWTON_METRES
+    assert np.allclose(log.gyro.time, flown[:, 0], atol=1e-9)
+    assert np.allclose(log.gyro.values, flown[:, 1:] * [math.pi / 180.0, 1.0, math.pi / 180.0], atol=1e-8)
+    assert log.motors is not None
+    assert np.allclose(log.motors.values, np.column_stack([motors, motors]) / 1e3 - 1.0, atol=1e-8)
+    assert log.command is not None
+    assert np.allclose(log.command.values, flown[:, 1:], atol=1e-8)
+    assert log.attitude is None
+
+
+def test_read_log_of_a_table_leaves_out_empty_cells(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    lines = [f"{0.001 * i},0.1,.2,-.3," + (f"{0.01 * i},0,0" if i % 4 == 0 else ",,") for i in range(800)]
+    path.write_text("t_s,p_rad_s,q_rad_s,r_rad_s,roll_deg,pitch_deg,yaw_deg\n" + "\n".join(lines))
+    log = read_log(path)
+    assert log.attitude is not None
+    assert (len(log.gyro.time), len(log.attitude.time)) == (800, 200)
+    assert log.attitude.values[-1, 0] == pytest.approx(math.radians(7.96))
+    assert log.command_unit is CommandUnit.NORMALISED
+
+
+@pytest.mark.parametrize(
+    ("header", "fault"),
+    [
+        ("p_dps,q_dps,r_dps,x", "no column time_s"),
+        ("time_s,p_dps,q_dps,x", "gyro: a column is missing: r_radps, "),
+        ("time_s,p_dps,q,r_dps", "column 'q' does not say its unit: name it one of q_radps, "),
+        ("time,p_dps,q_dps,r_dps", "no column time_s"),
+    ],
+)
+def test_read_log_of_a_table_names_the_missing_column(
+    tmp_path: Path, flown: np.ndarray, header: str, fault: str
+) -> None:
+    path = write(tmp_path / "log.csv", header, flown)
+    with pytest.raises(ConfigError) as told:
+        read_log(path)
+    assert str(told.value).startswith(f"{path}: {fault}")
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("0,1,2,3\n0.1,a,2,3\n", "column 2: Row #2: CSV conversion error to double: invalid value 'a'"),
+        ("0,1,2,3\n0.1,1,2\n", "CSV parse error: Row #2: Expected 4 columns, got 3: 0.1,1,2"),
+        ("0,1,2,3\n", "no two gyro samples that can be used"),
+        ("", "Empty CSV file"),
+    ],
+)
+def test_read_log_of_a_table_names_the_bad_cell(tmp_path: Path, text: str, fault: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time_s,p_dps,q_dps,r_dps\n" + text)
+    with pytest.raises(ConfigError) as told:
+        read_log(path)
+    assert str(told.value) == f"{path}: {fault}"
+
+
+def test_read_log_of_a_table_bounds_what_it_reads(
+    tmp_path: Path, flown: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "log.csv", "time_s,p_dps,q_dps,r_dps", flown)
+    monkeypatch.setattr(table, "_NUMBERS", 1000)
+    with pytest.raises(ConfigError, match="more than 1,000 numbers"):
+        read_log(path)
+    monkeypatch.setattr(table, "_LARGEST", 1000)
+    with pytest.raises(ConfigError, match="is larger than"):
+        read_log(path)
+    path.write_text(",".join(map(str, range(2000))))
+    monkeypatch.undo()
+    with pytest.raises(ConfigError, match="2,000 columns"):
+        read_log(path)

@@ -1,0 +1,70 @@
+"""Mixed sensitivity: printed levels, parts of the loop, each ill-posed problem by name."""
+
+import control
+import numpy as np
+import pytest
+
+from gustproof.errors import DesignError
+from gustproof.robust.hinf.mixsyn import mixsyn
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import as_lti, gain, sensitivity, series
+
+G = control.tf(200, [0.025, 1.0025, 10.1, 1])
+W1 = control.tf([1 / 1.5, 10], [1, 10 * 1e-4])
+
+
+def test_mixsyn_reaches_the_level_that_skogestad_prints():
+    """Multivariable Feedback Control, 2nd ed., Example 2.17: 1.37."""
+    result = mixsyn(G, W1, 1.0)
+    assert result.gamma_opt == pytest.approx(1.37, abs=0.005)
+    assert result.norm < result.gamma
+
+
+def test_mixsyn_closes_negative_feedback():
+    result = mixsyn(G, W1, 1.0)
+    S = sensitivity(series(result.controller, as_lti(control.tf2ss(G))))
+    weighted = hinf_norm(series(S, as_lti(control.tf2ss(W1)))).gain
+    told = next(check for check in result.checks if "W1 S" in check)
+    assert float(told.split()[-1]) == pytest.approx(weighted, rel=1e-5)
+    assert weighted < result.gamma
+
+
+@pytest.mark.parametrize("weights", [{"W1": W1}, {"W1": W1, "W3": 0.5}, {"W1": None, "W2": 1.0}])
+def test_mixsyn_solves_what_weights_left_out_make_singular(weights):
+    result = mixsyn(G, **weights)
+    assert result.norm < result.gamma
+
+
+def test_mixsyn_solves_a_plant_with_an_integrator_and_one_sampled():
+    lag = control.tf([1.0], [1.0, 1.0, 0.0])
+    W = control.tf([0.5, 1.0], [1.0, 0.01])
+    assert mixsyn(lag, W, 0.1).regularization > 0.0
+    sampled = mixsyn(control.sample_system(lag, 0.1), control.sample_system(W, 0.1, method="tustin"), 0.1)
+    assert sampled.controller.dt == 0.1
+    assert sampled.norm < sampled.gamma
+
+
+def test_mixsyn_repeats_a_weight_for_each_channel():
+    plant = control.ss(-np.eye(2), np.eye(2), np.array([[1.0, 0.5], [0.0, 1.0]]), np.zeros((2, 2)))
+    same = mixsyn(plant, W1, 0.1).gamma_opt
+    assert same == pytest.approx(mixsyn(plant, W1, 0.1 * np.eye(2)).gamma_opt, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("weights", "error", "message"),
+    [
+        ({"W1": None}, ValueError, "at least one of the weights"),
+        ({"W1": control.tf([1.0], [1.0, -1.0])}, DesignError, "W1 is not stable: it has a pole at 1"),
+        ({"W1": W1, "W2": control.tf([1.0], [1.0, 0.0])}, DesignError, "W2 is not stable: it has a pole at 0"),
+        ({"W1": np.ones((1, 3))}, ValueError, "W1 has 3 inputs, must have 1 or 1"),
+        ({"W1": gain([[1.0]], 0.1)}, ValueError, "W1 has the sample time 0.1 s, G 0.0 s"),
+    ],
+)
+def test_mixsyn_names_the_weight_at_fault(weights, error, message):
+    with pytest.raises(error, match=message):
+        mixsyn(G, **weights)
+
+
+def test_mixsyn_refuses_what_is_no_system():
+    with pytest.raises(ValueError, match="list is no linear system: take a state space or a transfer function"):
+        mixsyn([[1.0]], W1)

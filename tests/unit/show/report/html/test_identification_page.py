@@ -1,0 +1,95 @@
+import base64
+import json
+import re
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.logs.identify.air import IdentifiedAir
+from gustproof.show.report.html.identification_page import render_identification_page
+from gustproof.show.report.vehicle_numbers import identification_document
+
+AXES = ("roll", "pitch", "yaw")
+
+
+@pytest.fixture
+def found(perfect):
+    return perfect(load_vehicle("iris"))
+
+
+@pytest.fixture
+def air():
+    """Return the air of some flight."""
+    omega, time = np.geomspace(0.1, 100.0, 300), np.arange(0.0, 10.0, 0.004)
+    density = np.tile(1.0 / (1.0 + omega**2), (3, 1))
+    return IdentifiedAir(
+        wind_speed_20ft=7.0, airspeed=6.0, yaw_ratio=0.3, sigma=np.ones(3), length=np.array([67.0, 67.0, 10.0]),
+        time=time, acceleration=np.zeros((len(time), 3)), omega=omega, measured=1.1 * density, fitted=density,
+        noise=0.01 * density,
+    )  # fmt: skip
+
+
+def script(page, name):
+    (text,) = re.findall(rf'<script type="[^"]*" id="{name}">(.*?)</script>', page, flags=re.DOTALL)
+    return text
+
+
+def curves(page, section, title):
+    """Return label and values of the curves of each chart of a group."""
+    planes = zlib.decompress(base64.b64decode(script(page, "page-numbers")))
+    values = np.frombuffer(np.frombuffer(planes, dtype=np.uint8).reshape(4, -1).T.tobytes(), dtype="<f4")
+    groups = json.loads(script(page, "page-data"))["sections"][section]
+    (group,) = (group for group in groups if group["title"] == title)
+    return [
+        {curve["label"]: values[curve["y"][0] : sum(curve["y"])] for curve in chart["curves"]}
+        for chart in group["charts"]
+    ]
+
+
+def test_the_page_shows_data_and_model(found, air):
+    page = render_identification_page(found, air, ())
+    for k, chart in enumerate(curves(page, "response", "Angular acceleration per command")):
+        assert chart["measured"] == pytest.approx(np.abs(found.response[k]), rel=1e-6)
+        assert chart["model"] == pytest.approx(np.abs(found.model[k]), rel=1e-6)
+    assert len(curves(page, "response", "Its coherence")) == 3
+    for k, chart in enumerate(curves(page, "air", "Spectrum of what the model leaves")):
+        assert chart["Dryden turbulence"] == pytest.approx(air.fitted[k], rel=1e-6)
+
+
+def test_the_prediction_is_shown_where_the_model_did_not_see_the_flight(found, air):
+    page = render_identification_page(found, air, ())
+    begin, end = json.loads(script(page, "page-data"))["span"]
+    assert begin == pytest.approx(found.time[-1] * 2.0 / 3.0, abs=0.01)
+    assert end == found.time[-1]
+    held_out = found.time >= begin
+    for k, chart in enumerate(curves(page, "prediction", "Angular acceleration, held-out third")):
+        assert chart["measured"] == pytest.approx(found.acceleration[held_out, k], abs=1e-6)
+    assert len(curves(page, "prediction", "Residual")) == 3
+
+
+def test_an_axis_that_is_not_identified_is_left_out(found, air):
+    lost = replace(found.axes[2], gain=None, damping=None, held_out_r2=None, advice="yaw is not excited: fly a chirp")
+    partial = replace(found, axes=(*found.axes[:2], lost))
+    page = render_identification_page(partial, air, (lost.advice,))
+    assert len(curves(page, "prediction", "Residual")) == 2
+    assert len(curves(page, "response", "Its phase")) == 2
+    assert "fly a chirp" in page
+    document = identification_document(partial, None, (lost.advice,))
+    assert document["held_out_r2"] == {"roll": 0.9, "pitch": 0.9, "yaw": None}
+    assert document["gain_rad_s2_per_unit"]["yaw"] is None
+    assert document["disturbance"]["dryden"] is None
+    assert json.loads(json.dumps(document)) == document
+
+
+def test_words_of_a_file_are_words_on_the_page(found, air):
+    hostile = "</script><script>alert('1 & 2')</script>{{table}}"
+    page = render_identification_page(replace(found, source=hostile), air, (hostile,))
+    assert "<script>alert" not in page
+    assert page.count("&lt;/script&gt;") >= 2
+
+
+def test_the_same_identification_gives_the_same_bytes(found, air):
+    assert render_identification_page(found, air, ()) == render_identification_page(found, air, ())
