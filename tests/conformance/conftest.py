@@ -150,9 +150,20 @@ class Browser:
 
     def run(self, script: str) -> Any:
         """Return the value of a JavaScript expression, after its promise if it is one."""
-        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        answer = self._evaluate("evaluate", expression=script)
+        if held := answer.get("objectId"):  # the browser may collect a promise that nothing holds
+            if answer.get("subtype") == "promise":
+                answer = self._evaluate("awaitPromise", promiseObjectId=held, returnByValue=True)
+            else:
+                itself = "function() { return this; }"
+                answer = self._evaluate("callFunctionOn", objectId=held, functionDeclaration=itself, returnByValue=True)
+        return answer.get("value")
+
+    def _evaluate(self, method: str, **params: Any) -> dict[str, Any]:
+        answer = self.call(f"Runtime.{method}", **params)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
-        return answer["result"].get("value")
+        value: dict[str, Any] = answer["result"]
+        return value
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:
         """Save what is shown, or the whole page, as PNG."""

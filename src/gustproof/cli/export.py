@@ -85,23 +85,39 @@ def export(
     wanted = output or []
     _check_outputs(wanted, list(folders.values()))
     _check_attitude(attitude)
-    in_c = any(path.suffix == ".c" for path in wanted)
-    _check_options(in_c or bool(folders), rate, _find_vehicle(law, vehicle), attitude, checked=float32 or bool(folders))
+    code = bool(folders) or _holds_c(wanted)
+    _check_options(code, rate, _find_vehicle(law, vehicle), attitude, checked=float32 or bool(folders))
     read = _read_law(law, vehicle, rate)
     with working(f"exporting {read.name}", quiet=as_json):
         told = [
             _export_folder(read, name, path, attitude, rate, vehicle, float32, anyway) for name, path in folders.items()
         ]
         if wanted:
-            read, margins = _prepare(read, rate, vehicle, in_c=in_c, anyway=anyway)
-            files = [str(path) for path in wanted]
-            told.append({"law": read.name, "rate_hz": 1.0 / read.dt, "files": files, **margins})
-            for path in wanted:
-                if path.suffix == ".c":
-                    told[-1] |= _save_c(read, path, attitude or "own", float32=float32, vehicle=vehicle)
-                else:
-                    _save_numbers(read, path)
+            told.append(_export_files(read, wanted, attitude, rate, vehicle, float32, anyway))
     _print_exports(told, as_json=as_json)
+
+
+def _holds_c(files: list[Path]) -> bool:
+    return any(path.suffix == ".c" for path in files)
+
+
+def _export_files(
+    law: "Law",
+    files: list[Path],
+    attitude: str | None,
+    rate: int | None,
+    vehicle: str | None,
+    float32: bool,
+    anyway: bool,
+) -> dict[str, Any]:
+    law, told = _prepare(law, rate, vehicle, in_c=_holds_c(files), anyway=anyway)
+    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path) for path in files], **told}
+    for path in files:
+        if path.suffix == ".c":
+            told |= _save_c(law, path, attitude or "own", float32=float32, vehicle=vehicle)
+        else:
+            _save_numbers(law, path)
+    return told
 
 
 def _print_exports(told: list[dict[str, Any]], *, as_json: bool) -> None:
@@ -316,14 +332,18 @@ def _check_outputs(files: list[Path], folders: list[Path]) -> None:
     written = [*files, *folders, *(path.with_suffix(".h") for path in files if path.suffix == ".c")]
     if len({path.absolute() for path in written}) < len(written):
         raise ConfigError("two outputs have the same name")
+    _check_suffixes(files, folders)
+    for path in written:
+        if path.suffix:
+            check_output(path, path.suffix, "this file")
+        else:
+            check_folder_output(path)
+
+
+def _check_suffixes(files: list[Path], folders: list[Path]) -> None:
     for path in files:
         if path.suffix not in (".c", ".json", ".mat", ""):
             raise ConfigError(f"{path}: its suffix says its form: {_FORMS}")
     for path in folders:
         if path.suffix:
             raise ConfigError(f"{path}: a folder has no suffix")
-    for path in written:
-        if path.suffix:
-            check_output(path, path.suffix, "this file")
-        else:
-            check_folder_output(path)
