@@ -30,6 +30,7 @@ from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lpv import lpvsyn as lpv
 from gustproof.robust.lpv import reconstruction
 from gustproof.robust.lpv.lpvsyn import lpvsyn
+from gustproof.robust.lti import state_space
 from gustproof.robust.lti.norms import Peak
 from gustproof.robust.lti.state_space import Lti, gain
 from gustproof.robust.mu import musyn
@@ -296,7 +297,7 @@ def test_musyn_gives_up_a_level_that_does_not_settle(monkeypatch):
 def test_lpvsyn_names_a_feedthrough_beyond_the_level():
     parts = {"A": PLANT.A, "B1": PLANT.B[:, :2], "B2": PLANT.B[:, 2:], "C1": PLANT.C[:2], "C2": PLANT.C[2:]}
     D = {"D11": np.diag([5.0, 0.0]), "D12": PLANT.D[:2, 2:], "D21": PLANT.D[2:, :2], "D22": PLANT.D[2:, 2:]}
-    plant = reconstruction.PartedPlant(**parts, **D)
+    plant = state_space.PartedPlant(**parts, **D)
     with pytest.raises(DesignError, match=r"D11 at \(1.0,\) alone exceeds the level 3"):
         reconstruction._feedthrough(plant, (1.0,), 3.0)
 

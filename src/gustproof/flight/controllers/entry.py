@@ -68,9 +68,14 @@ class Entry:
             If only a file names it. The text says what to type.
         """
         if not self.given:
-            flown = f"{where}: flown by" if where else "a file names"
             line = f"--controller {shlex.quote(self.source)}"
-            raise ConfigError(f"{flown} a controller that runs code of its own; if you trust it, add: {line}")
+            raise refuse_named(where, "a controller that runs code of its own", line)
+
+
+def refuse_named(where: object, program: str, line: str) -> ConfigError:
+    """Return the refusal of a program that only a file names, found at `where` if known, with what to type for it."""
+    flown = f"{where}: flown by" if where else "a file names"
+    return ConfigError(f"{flown} {program}; if you trust it, add: {line}")
 
 
 Pilot = Law | Entry

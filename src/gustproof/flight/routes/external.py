@@ -26,6 +26,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.guest.guest import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, GuestOutcome, scenario_for
 from firmware_model.recording.estimates import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
+from gustproof.flight.controllers.entry import refuse_named
 from gustproof.flight.routes.flight import Flight, flight_name, parse_metadata
 from gustproof.flight.routes.outcome import FlightOutcome, blame_physics, describe
 from gustproof.flight.routes.processes import WORKING_PREFIX, launch, terminate
@@ -87,8 +88,7 @@ class ForeignAutopilot:
         if not self.given:
             words = {"--autopilot": self.kind, "--build": self.build, "--params": self.parameters}
             line = shlex.join([word for option, value in words.items() if value for word in (option, value)])
-            flown = f"{where}: flown by" if where else "a file names"
-            raise ConfigError(f"{flown} an autopilot, which is a program; if you trust it, add: {line}")
+            raise refuse_named(where, "an autopilot, which is a program", line)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON values, input of `parse_autopilot`."""

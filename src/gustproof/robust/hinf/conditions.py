@@ -7,7 +7,7 @@ import numpy as np
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.axis_zeros import AxisZeros, find_axis_zeros
 from gustproof.robust.lti.norms import eigenvalues
-from gustproof.robust.lti.state_space import Lti, Matrix, largest_gain
+from gustproof.robust.lti.state_space import Lti, Matrix, largest_gain, part
 
 _RANK = 1e-10
 """[-] singular values below this fraction of the largest count as zero."""
@@ -111,18 +111,17 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
         If a mode cannot be stabilised or detected.
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
-    B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
-    D12, D21 = P.D[:p1, m1:], P.D[p1:, :m1]
-    Q_z, control_scale = _complete_basis(D12, "D12 lacks full column rank: a control is not weighted in z")
-    Q_w, noise_scale = _complete_basis(D21.T, "D21 lacks full row rank: a measurement has no noise in w")
+    parts = part(P, n_meas, n_con)
+    Q_z, control_scale = _complete_basis(parts.D12, "D12 lacks full column rank: a control is not weighted in z")
+    Q_w, noise_scale = _complete_basis(parts.D21.T, "D21 lacks full row rank: a measurement has no noise in w")
     measurement_scale = noise_scale.T
     scale = max(largest_gain(P.A), np.finfo(float).tiny)
     poles = eigenvalues(P.A)
     for pole in poles[poles.real >= -_AXIS * scale]:
-        _require_controllable(P.A, B2, pole, scale, "P is not stabilisable by u")
-        _require_controllable(P.A.T, C2.T, pole, scale, "P is not detectable from y")
-    control_zeros = _require_no_axis_zero(P.A, B2 @ control_scale, C1, Q_z[:, -n_con:], "from u to z")
-    filter_zeros = _require_no_axis_zero(P.A.T, C2.T @ noise_scale, B1.T, Q_w[:, -n_meas:], "from w to y")
+        _require_controllable(P.A, parts.B2, pole, scale, "P is not stabilisable by u")
+        _require_controllable(P.A.T, parts.C2.T, pole, scale, "P is not detectable from y")
+    control_zeros = _require_no_axis_zero(P.A, parts.B2 @ control_scale, parts.C1, Q_z[:, -n_con:], "from u to z")
+    filter_zeros = _require_no_axis_zero(P.A.T, parts.C2.T @ noise_scale, parts.B1.T, Q_w[:, -n_meas:], "from w to y")
     rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
     rows[:p1, :p1], rows[p1:, p1:] = Q_z.T, measurement_scale
     columns[:m1, :m1], columns[m1:, m1:] = Q_w, control_scale

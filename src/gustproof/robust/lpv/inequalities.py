@@ -15,7 +15,7 @@ import scipy
 from gustproof.errors import DesignError
 from gustproof.robust.gain.multipliers import basis as symmetric_basis
 from gustproof.robust.gain.multipliers import minimize, svec
-from gustproof.robust.lti.state_space import Lti, Matrix
+from gustproof.robust.lti.state_space import Matrix, PartedPlant
 
 _STRICTNESS = 1e-7
 """[-] margin of each inequality, in balanced states."""
@@ -34,30 +34,6 @@ Point = tuple[float, ...]
 """Values of the parameters."""
 Functions = Callable[[Point], Sequence[float]]
 """Basis functions of the parameters; the first is 1 throughout."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PartedPlant:
-    """A generalised plant at one point, parted."""
-
-    A: Matrix
-    """(n, n) state to derivative."""
-    B1: Matrix
-    """(n, m1) w to derivative."""
-    B2: Matrix
-    """(n, m2) u to derivative."""
-    C1: Matrix
-    """(p1, n) state to z."""
-    C2: Matrix
-    """(p2, n) state to y."""
-    D11: Matrix
-    """(p1, m1) w to z."""
-    D12: Matrix
-    """(p1, m2) u to z."""
-    D21: Matrix
-    """(p2, m1) w to y."""
-    D22: Matrix
-    """(p2, m2) u to y."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,23 +65,6 @@ class LyapunovMatrices:
             combine(self.X, derivative(self.filter_basis, rho, drho, self.steps)),
             combine(self.Y, derivative(self.control_basis, rho, drho, self.steps)),
         )
-
-
-def part(P: Lti, n_meas: int, n_con: int) -> PartedPlant:
-    """Return the parts of a generalised plant."""
-    p1, m1 = P.n_outputs - n_meas, P.n_inputs - n_con
-    D = P.D
-    return PartedPlant(
-        A=P.A,
-        B1=P.B[:, :m1],
-        B2=P.B[:, m1:],
-        C1=P.C[:p1],
-        C2=P.C[p1:],
-        D11=D[:p1, :m1],
-        D12=D[:p1, m1:],
-        D21=D[p1:, :m1],
-        D22=D[p1:, m1:],
-    )
 
 
 def combine(matrices: Sequence[Matrix], values: Iterable[float]) -> Matrix:

@@ -17,17 +17,15 @@ from gustproof.robust.lpv.inequalities import (
     Functions,
     Inequalities,
     LyapunovMatrices,
-    PartedPlant,
     Point,
     balancing,
     corners,
     first_scales,
-    part,
     transform,
 )
 from gustproof.robust.lpv.reconstruction import controller_at, proven_level
 from gustproof.robust.lti.norms import Peak, hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, lft
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, PartedPlant, as_continuous, lft, part
 
 _SPREAD = 0.5
 """[-] share of the backoff by which `I - X Y` is kept regular."""

@@ -4,8 +4,8 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.robust.gain.multipliers import least_level
-from gustproof.robust.lpv.inequalities import LyapunovMatrices, PartedPlant, Point
-from gustproof.robust.lti.state_space import Lti, Matrix, lft
+from gustproof.robust.lpv.inequalities import LyapunovMatrices, Point
+from gustproof.robust.lti.state_space import Lti, Matrix, PartedPlant, lft
 
 _FULL_RANK = 1e-10
 """[-] relative size of the least singular value of D12 or D21 from which it counts as of full rank."""

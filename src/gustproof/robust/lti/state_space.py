@@ -270,6 +270,46 @@ def is_singular(M: Matrix, terms: Matrix) -> bool:
     return not (np.isfinite(spread).all() and np.max(np.abs(np.linalg.eigvals(spread)), initial=0.0) < 1e12)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PartedPlant:
+    """A generalised plant from (w, u) to (z, y) in parts, as the equations of a synthesis name them."""
+
+    A: Matrix
+    """(n, n) state to derivative."""
+    B1: Matrix
+    """(n, m1) w to derivative."""
+    B2: Matrix
+    """(n, m2) u to derivative."""
+    C1: Matrix
+    """(p1, n) state to z."""
+    C2: Matrix
+    """(p2, n) state to y."""
+    D11: Matrix
+    """(p1, m1) w to z."""
+    D12: Matrix
+    """(p1, m2) u to z."""
+    D21: Matrix
+    """(p2, m1) w to y."""
+    D22: Matrix
+    """(p2, m2) u to y."""
+
+
+def part(P: Lti, n_meas: int, n_con: int) -> PartedPlant:
+    """Return the parts of a generalised plant, its last outputs and inputs being measurements y and controls u."""
+    p1, m1 = P.n_outputs - n_meas, P.n_inputs - n_con
+    return PartedPlant(
+        A=P.A,
+        B1=P.B[:, :m1],
+        B2=P.B[:, m1:],
+        C1=P.C[:p1],
+        C2=P.C[p1:],
+        D11=P.D[:p1, :m1],
+        D12=P.D[:p1, m1:],
+        D21=P.D[p1:, :m1],
+        D22=P.D[p1:, m1:],
+    )
+
+
 def lft(P: Lti, K: Lti) -> Lti:
     """Return the lower linear fractional transformation `F_l(P, K)`: `K` closes the last inputs and outputs of `P`.
 
@@ -286,26 +326,24 @@ def lft(P: Lti, K: Lti) -> Lti:
     K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, section 10.1.
     """
     dt = _common_sample_time(P, K)
-    p1, m1 = P.n_outputs - K.n_inputs, P.n_inputs - K.n_outputs
-    if p1 < 0 or m1 < 0:
+    if P.n_outputs < K.n_inputs or P.n_inputs < K.n_outputs:
         raise ValueError(f"K is {K.n_outputs} x {K.n_inputs}, larger than P, {P.n_outputs} x {P.n_inputs}")
-    B1, B2, C1, C2 = P.B[:, :m1], P.B[:, m1:], P.C[:p1], P.C[p1:]
-    D11, D12, D21, D22 = P.D[:p1, :m1], P.D[:p1, m1:], P.D[p1:, :m1], P.D[p1:, m1:]
+    parts = part(P, K.n_inputs, K.n_outputs)
     # u = E_x x + E_k x_k + E_w w, with the feedthrough loop solved once
-    E, returned = np.concatenate([K.D @ C2, K.C, K.D @ D21], axis=1), K.D @ D22
+    E, returned = np.concatenate([K.D @ parts.C2, K.C, K.D @ parts.D21], axis=1), K.D @ parts.D22
     if returned.any():
         difference = np.eye(K.n_outputs) - returned
-        if is_singular(difference, np.eye(K.n_outputs) + np.abs(K.D) @ np.abs(D22)):
+        if is_singular(difference, np.eye(K.n_outputs) + np.abs(K.D) @ np.abs(parts.D22)):
             raise ValueError("the loop of P and K is not well posed: I - D_K D22 is singular")
         E = np.linalg.solve(difference, E)
     n = P.order
     E_x, E_k, E_w = E[:, :n], E[:, n : n + K.order], E[:, n + K.order :]
     A = np.empty((n + K.order, n + K.order))
-    A[:n, :n], A[:n, n:] = P.A + B2 @ E_x, B2 @ E_k
-    A[n:, :n], A[n:, n:] = K.B @ (C2 + D22 @ E_x), K.A + K.B @ D22 @ E_k
-    B = np.concatenate([B1 + B2 @ E_w, K.B @ (D21 + D22 @ E_w)])
-    C = np.concatenate([C1 + D12 @ E_x, D12 @ E_k], axis=1)
-    return Lti(A=A, B=B, C=C, D=D11 + D12 @ E_w, dt=dt)
+    A[:n, :n], A[:n, n:] = P.A + parts.B2 @ E_x, parts.B2 @ E_k
+    A[n:, :n], A[n:, n:] = K.B @ (parts.C2 + parts.D22 @ E_x), K.A + K.B @ parts.D22 @ E_k
+    B = np.concatenate([parts.B1 + parts.B2 @ E_w, K.B @ (parts.D21 + parts.D22 @ E_w)])
+    C = np.concatenate([parts.C1 + parts.D12 @ E_x, parts.D12 @ E_k], axis=1)
+    return Lti(A=A, B=B, C=C, D=parts.D11 + parts.D12 @ E_w, dt=dt)
 
 
 def discretize_zoh(system: LinearSystem, dt: float) -> Lti:

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.norms import Peak, eigenvalues
-from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, PartedPlant, part
 
 _ACCURACY = 1e-8
 """[-] relative accuracy of the H-infinity norm during a search; the result is computed again to the last digit."""
@@ -39,49 +39,26 @@ class BranchSlope(NamedTuple):
     """(rows, columns) derivative with respect to each entry of M."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AugmentedPlant:
-    """A generalised plant augmented by the controller's integrators, so that the controller is a gain."""
-
-    A: Matrix
-    """(n, n)."""
-    B1: Matrix
-    """(n, m1) of w."""
-    B2: Matrix
-    """(n, r) of the controller's state derivatives and controls."""
-    C1: Matrix
-    """(p1, n) of z."""
-    C2: Matrix
-    """(c, n) of the controller's states and measurements."""
-    D11: Matrix
-    """(p1, m1)."""
-    D12: Matrix
-    """(p1, r)."""
-    D21: Matrix
-    """(c, m1)."""
-    D22: Matrix
-    """(c, r)."""
-
-
-def augment_plant(P: Lti, n_meas: int, n_con: int, order: int, dt: float = 0.0) -> AugmentedPlant:
+def augment_plant(P: Lti, n_meas: int, n_con: int, order: int, dt: float = 0.0) -> PartedPlant:
     """Return `P`, its last outputs and inputs being measurements and controls, augmented by `order` integrators.
 
+    The controller is then a gain from y, its own states and the measurements, to u, their derivatives and the controls.
     With a sample time `dt` [s], `P` is the bilinear transform of a sampled plant, and each integrator is that of a
     delay: `1/z = 2 / (1 + s dt/2) - 1`.
     """
-    m1, p1, k = P.n_inputs - n_con, P.n_outputs - n_meas, order
+    plant, k = part(P, n_meas, n_con), order
     identity = np.eye(k)
     pole, output, feedthrough = (-2.0 / dt, 4.0 / dt, -1.0) if dt else (0.0, 1.0, 0.0)
-    return AugmentedPlant(
-        A=scipy.linalg.block_diag(P.A, pole * identity),
-        B1=np.vstack([P.B[:, :m1], np.zeros((k, m1))]),
-        B2=np.block([[np.zeros((P.order, k)), P.B[:, m1:]], [identity, np.zeros((k, n_con))]]),
-        C1=np.hstack([P.C[:p1], np.zeros((p1, k))]),
-        C2=np.block([[np.zeros((k, P.order)), output * identity], [P.C[p1:], np.zeros((n_meas, k))]]),
-        D11=P.D[:p1, :m1],
-        D12=np.hstack([np.zeros((p1, k)), P.D[:p1, m1:]]),
-        D21=np.vstack([np.zeros((k, m1)), P.D[p1:, :m1]]),
-        D22=scipy.linalg.block_diag(feedthrough * identity, P.D[p1:, m1:]),
+    return PartedPlant(
+        A=scipy.linalg.block_diag(plant.A, pole * identity),
+        B1=np.vstack([plant.B1, np.zeros((k, plant.B1.shape[1]))]),
+        B2=np.block([[np.zeros((P.order, k)), plant.B2], [identity, np.zeros((k, n_con))]]),
+        C1=np.hstack([plant.C1, np.zeros((plant.C1.shape[0], k))]),
+        C2=np.block([[np.zeros((k, P.order)), output * identity], [plant.C2, np.zeros((n_meas, k))]]),
+        D11=plant.D11,
+        D12=np.hstack([np.zeros((plant.D12.shape[0], k)), plant.D12]),
+        D21=np.vstack([np.zeros((k, plant.D21.shape[1])), plant.D21]),
+        D22=scipy.linalg.block_diag(feedthrough * identity, plant.D22),
     )
 
 
@@ -106,7 +83,7 @@ class ClosedLoop(NamedTuple):
     """(c, m1) of M's input."""
 
 
-def close_loop(plant: AugmentedPlant, M: Matrix) -> ClosedLoop:
+def close_loop(plant: PartedPlant, M: Matrix) -> ClosedLoop:
     """Return the closed loop `u = M y`; its numbers are not finite if it is not well posed."""
     B2, C2, D12, D21 = plant.B2, plant.C2, plant.D12, plant.D21
     if plant.D22.any():
@@ -120,7 +97,7 @@ def close_loop(plant: AugmentedPlant, M: Matrix) -> ClosedLoop:
     return ClosedLoop(A, B, C, D, B2, C2, D12, D21)
 
 
-def _closed_matrices(plant: AugmentedPlant, M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def _closed_matrices(plant: PartedPlant, M: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     left, feedthrough = plant.B2 @ M, plant.D12 @ M
     return (
         plant.A + left @ plant.C2,

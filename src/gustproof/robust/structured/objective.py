@@ -8,7 +8,7 @@ import numpy as np
 
 from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.norms import Peak, hinf_norm
-from gustproof.robust.lti.state_space import Lti, Matrix
+from gustproof.robust.lti.state_space import Lti, Matrix, PartedPlant
 from gustproof.robust.structured.blocks import Structure
 from gustproof.robust.structured.goals import (
     ChannelGoal,
@@ -23,7 +23,6 @@ from gustproof.robust.structured.goals import (
     require_positive,
 )
 from gustproof.robust.structured.loop import (
-    AugmentedPlant,
     BranchSlope,
     ClosedLoop,
     PoleMeasure,
@@ -46,7 +45,7 @@ _WARM_STARTS = 3
 class NormCriterion:
     """A norm of the closed loop divided by its limit."""
 
-    def __init__(self, goal: Goal, plant: AugmentedPlant, limit: float, measure: NormKind) -> None:
+    def __init__(self, goal: Goal, plant: PartedPlant, limit: float, measure: NormKind) -> None:
         self.goal, self.plant, self.limit, self.measure = goal, plant, limit, measure
         self._warm: list[float] = []
         self._loop: ClosedLoop | None = None
@@ -82,7 +81,7 @@ class NormCriterion:
 class PoleCriterion:
     """The largest measure of a pole of a matrix `A + B2 M C2`, scaled: at most 1 if the goal is satisfied."""
 
-    def __init__(self, goal: Goal, plant: AugmentedPlant, measure: PoleMeasure, *, offset: float, scale: float) -> None:
+    def __init__(self, goal: Goal, plant: PartedPlant, measure: PoleMeasure, *, offset: float, scale: float) -> None:
         self.goal, self._plant, self._measure, self._offset, self._scale = goal, plant, measure, offset, scale
         self._loop: ClosedLoop | None = None
         self.last = np.inf
@@ -238,7 +237,7 @@ Criterion = NormCriterion | PoleCriterion | SizeCriterion
 class Stability:
     """The largest growth [1/s] of a pole of the closed loops of all models; of continuous ones their abscissa."""
 
-    def __init__(self, basis: tuple[Matrix, Matrix], plants: list[AugmentedPlant], dt: float) -> None:
+    def __init__(self, basis: tuple[Matrix, Matrix], plants: list[PartedPlant], dt: float) -> None:
         self._plants = plants
         self._measure = PoleMeasure(dt=dt, transformed=dt > 0.0)
         self._offset, self._basis = basis
@@ -308,7 +307,7 @@ class Problem:
     def _continuous_models(self) -> list[Lti]:
         return [bilinear_transform(model) if model.dt else model for model in self.models]
 
-    def _augment(self, model: Lti) -> AugmentedPlant:
+    def _augment(self, model: Lti) -> PartedPlant:
         shape = self.structure
         return augment_plant(model, shape.n_meas, shape.n_con, shape.order, shape.dt)
 
@@ -339,7 +338,7 @@ class Problem:
         return NormCriterion(goal, self._augment(P), limit, measure)
 
 
-def _controller_alone(structure: Structure) -> AugmentedPlant:
+def _controller_alone(structure: Structure) -> PartedPlant:
     """Return the loop whose poles are the controller's own: its integrators, or delays, and no plant."""
     nothing = Lti(
         A=np.zeros((0, 0)),
