@@ -71,6 +71,7 @@ async def refusal(request, kind: type[Exception]) -> str | None:
 
 async def discover(system: System) -> dict:
     telemetry, info = TelemetryAsync(system), InfoAsync(system)
+    all_ok = await until(telemetry.subscribe_health_all_ok(), bool)  # home comes in a message of its own, maybe later
     health = await until(telemetry.subscribe_health(), lambda health: health.is_armable)
     version = await info.get_version()
     home = await until(telemetry.subscribe_home())
@@ -82,7 +83,7 @@ async def discover(system: System) -> dict:
         "version": [version.flight_sw_major, version.flight_sw_minor],
         "development": version.flight_sw_version_type.name,
         "health": vars(health),
-        "all_ok": await until(telemetry.subscribe_health_all_ok(), bool),
+        "all_ok": all_ok,
         "home": [home.latitude_deg, home.longitude_deg],
         "fix": (await until(telemetry.subscribe_gps_info())).fix_type.name,
         "landed": (await until(telemetry.subscribe_landed_state())).name,
