@@ -93,14 +93,16 @@ def keep_first(spans: list[tuple[float, float]], share: float) -> list[tuple[flo
 def _split(whole: tuple[float, float], signals: tuple[LogSignal, ...]) -> Iterator[tuple[float, float]]:
     """Yield begin and end [s] of the parts of a stretch in which no signal has a long gap."""
     begin, end = max([whole[0], *(s.time[0] for s in signals)]), min([whole[1], *(s.time[-1] for s in signals)])
-    cuts = [(begin, begin)]
+    cuts = list[tuple[float, float]]()
     for signal in signals:
         after = np.flatnonzero(np.diff(signal.time) > max(_LONGEST_GAP, 3.0 * sample_time(signal)))
         cuts += [
             (signal.time[i], signal.time[i + 1]) for i in after if begin < signal.time[i + 1] and signal.time[i] < end
         ]
-    for (_, start), (stop, _) in pairwise([*sorted(cuts), (end, end)]):
+    start = begin
+    for stop, after_it in [*sorted(cuts), (end, end)]:  # gaps of several signals may overlap
         yield float(start), float(stop)
+        start = max(start, after_it)
 
 
 def keep_rest(spans: list[tuple[float, float]], share: float) -> list[tuple[float, float]]:

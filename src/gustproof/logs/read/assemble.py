@@ -2,19 +2,23 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
+from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
 from gustproof.types import Array
 
 SIGNALS = ("gyro", "command", "motors", "accelerometer", "attitude", "reference")
 """Signals of a `FlightLog`, by name."""
 _LARGEST = {"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.0, "attitude": 10.0, "reference": 10.0}
 """In the signal's unit; no instrument or set-point of a vehicle that flies is beyond it."""
-_RESET_US, _PAUSE_US = -1e6, 600e6  # steps of a clock that was set anew
+_STRAYED_US = 1e6  # of a stamp from those of the gyro beside it in the file: loggers buffer less
+_PIECE = 16  # samples before or after the longest piece; fewer are wrong stamps
+_SPIKE, _STEADY = 20.0, 0.99  # a lone sample further from both neighbours than so many usual steps is damaged
+_LEAST_SPIKE = {"gyro": 1.0, "command": 0.2, "motors": 0.2, "accelerometer": 20.0}  # in the signal's unit
 _WANTED_RATE = 100.0  # [Hz] below which the loop's lag can't be told from the sampling
 _NEARLY = 0.8  # share of the highest rate
 _GAP = 1.5  # share of the usual step
@@ -89,7 +93,8 @@ def assemble(draft: Draft) -> FlightLog:
     """Return the log with all signals on one rising clock [s] from its start.
 
     A clock that was set anew splits the log; its longest piece by the gyro is kept. Samples that are not numbers, are
-    beyond any instrument or repeat a stamp are left out. Each is told in `findings`.
+    beyond any instrument or stand out alone are left out. So are wrong stamps: those off the chain of their signal, see
+    `find_chain`, or off the gyro's clock at their place in the file. Each is told in `findings`.
 
     Raises
     ------
@@ -99,7 +104,10 @@ def assemble(draft: Draft) -> FlightLog:
     findings = list(draft.findings)
     _check_shapes(draft.rows)
     begin, end = longest_piece(draft.rows["gyro"], findings)
-    sound = {name: _sound(name, _cut(rows, begin, end), findings) for name, rows in draft.rows.items()}
+    gyro = _sound("gyro", _cut(draft.rows["gyro"], begin, end), findings)
+    others = {name: _cut(rows, begin, end) for name, rows in draft.rows.items() if name != "gyro"}
+    sound = {name: _sound(name, rows, findings, gyro) for name, rows in others.items()}
+    sound = {name: gyro if name == "gyro" else sound[name] for name in draft.rows}
     kept = {name: rows for name, rows in sound.items() if len(rows.time_us) > 1 and rows.values.size}
     if "gyro" not in kept:
         raise ValueError("no two gyro samples that can be used")
@@ -111,7 +119,7 @@ def assemble(draft: Draft) -> FlightLog:
         for name, rows in kept.items()
     }
     findings += _shortcomings(signals)
-    states = None if draft.in_air is None else _cut(draft.in_air, begin, end)
+    states = None if draft.in_air is None else _on_clock(_cut(draft.in_air, begin, end), gyro)
     return FlightLog(
         source=draft.source,
         system=draft.system,
@@ -133,24 +141,17 @@ def _check_shapes(signals: Mapping[str, Rows]) -> None:
 
 def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:
     """Return first and last place in the file of the longest piece without a reset of the clock."""
-    finite = np.isfinite(gyro.time_us)
-    time_us, position = gyro.time_us[finite], gyro.position[finite]
-    if len(time_us) == 0:
+    chain = np.flatnonzero(find_chain(gyro.time_us))
+    if len(chain) == 0:
         raise ValueError("no gyro with a time in it")
-    steps = np.diff(time_us)
-    cuts = np.flatnonzero((steps < _RESET_US) | (steps > _PAUSE_US)) + 1
-    if len(cuts) == 0:
+    first, last, count = int(chain[0]), int(chain[-1]), len(gyro.time_us)
+    if first + count - 1 - last < _PIECE:
         return -(1 << 62), 1 << 62
-    edges = np.concatenate(([0], cuts, [len(time_us)]))
-    longest = int(np.argmax(np.diff(edges)))
-    first, last = int(edges[longest]), int(edges[longest + 1]) - 1
-    length_s = (time_us[last] - time_us[first]) * 1e-6
-    findings.append(
-        f"clock: set anew {len(cuts)} times; the longest piece is kept, {length_s:.1f} s with "
-        f"{last - first + 1:,} of {len(time_us):,} gyro samples"
-    )
-    begin = int(position[first]) if first else -(1 << 62)
-    return begin, int(position[last]) if last + 1 < len(time_us) else 1 << 62
+    length_s = (gyro.time_us[last] - gyro.time_us[first]) * 1e-6
+    share = f"{last - first + 1:,} of {count:,} gyro samples"
+    findings.append(f"clock: set anew; the longest piece is kept, {length_s:.1f} s with {share}")
+    begin = int(gyro.position[first]) if first else -(1 << 62)
+    return begin, int(gyro.position[last]) if last + 1 < count else 1 << 62
 
 
 def _cut(rows: Rows, begin: int, end: int) -> Rows:
@@ -158,19 +159,50 @@ def _cut(rows: Rows, begin: int, end: int) -> Rows:
     return rows.take((rows.position >= begin) & (rows.position <= end))
 
 
-def _sound(name: str, rows: Rows, findings: list[str]) -> Rows:
-    """Return the rows that are plausible, with rising stamps."""
+def _sound(name: str, rows: Rows, findings: list[str], gyro: Rows | None = None) -> Rows:
+    """Return the rows that are plausible, with rising stamps that agree with those of the gyro."""
     largest = np.abs(rows.values).max(axis=1, initial=0.0)
-    usable = np.isfinite(rows.time_us) & (largest <= _LARGEST[name])  # NaN compares false
-    absurd = len(usable) - int(np.count_nonzero(usable))
-    if absurd:
+    usable = largest <= _LARGEST[name]  # NaN compares false
+    usable[usable] = ~_stand_out(name, rows.values[usable])
+    if absurd := len(usable) - int(np.count_nonzero(usable)):
         findings.append(f"{name}: {absurd:,} of {len(usable):,} samples are no plausible numbers: left out")
     rows = rows.take(usable)
-    latest = np.maximum.accumulate(np.concatenate(([-np.inf], rows.time_us)))[:-1]
-    rising = rows.time_us > latest
-    if late := len(rising) - int(np.count_nonzero(rising)):
-        findings.append(f"{name}: {late:,} of {len(rising):,} samples are out of order or twice: left out")
-    return rows.take(rising)
+    right = np.isfinite(rows.time_us)
+    if gyro is not None:
+        early, late = _bounds(rows, gyro)
+        right &= (rows.time_us >= early) & (rows.time_us <= late)
+    right[right] = find_chain(rows.time_us[right])
+    if wrong := len(right) - int(np.count_nonzero(right)):
+        findings.append(f"{name}: {wrong:,} of {len(right):,} stamps are wrong, out of order or twice: left out")
+    return rows.take(right)
+
+
+def _stand_out(name: str, values: Array) -> NDArray[np.bool_]:
+    """Return which of the samples (n, k) stand out alone, far from both neighbours: bits of them were flipped."""
+    found = np.zeros(len(values), dtype=np.bool_)
+    if name in _LEAST_SPIKE and len(values) > 2:
+        steps = np.diff(values, axis=0)
+        far = np.maximum(_SPIKE * np.quantile(np.abs(steps), _STEADY, axis=0), _LEAST_SPIKE[name])
+        returns = (np.sign(steps[1:]) != np.sign(steps[:-1])) & (np.minimum(abs(steps[1:]), abs(steps[:-1])) > far)
+        found[1:-1] = returns.any(axis=1)
+    return found
+
+
+def _bounds(rows: Rows, gyro: Rows) -> tuple[Array, Array]:
+    """Return the least and largest time [us] (n,) that rows may have by the gyro's samples beside them in the file."""
+    clock = np.concatenate(([-PAUSE_US], gyro.time_us, [PAUSE_US]))
+    if len(gyro.time_us):
+        clock[[0, -1]] += gyro.time_us[[0, -1]]
+    after = np.searchsorted(gyro.position, rows.position)
+    return clock[after] - _STRAYED_US, clock[after + 1] + _STRAYED_US
+
+
+def _on_clock(rows: Rows, gyro: Rows) -> Rows:
+    """Return rows all of which count: one with a wrong stamp, or none, gets that of the gyro beside it in the file."""
+    early, late = _bounds(rows, gyro)
+    right = (rows.time_us >= early) & (rows.time_us <= late)
+    time_us = np.where(right, rows.time_us, late - _STRAYED_US)
+    return replace(rows, time_us=time_us)
 
 
 def _shortcomings(signals: dict[str, LogSignal]) -> list[str]:
@@ -236,9 +268,7 @@ def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tupl
 
 def fastest(sources: Sequence[Rows]) -> Rows:
     """Return the first of the sources of a signal that has nearly the highest rate of them all."""
-    rates = [
-        len(rows.time_us) / max(float(np.ptp(rows.time_us)), 1.0) if len(rows.time_us) else 0.0 for rows in sources
-    ]
+    rates = [1.0 / usual_step(rows.time_us) for rows in sources]
     return next(rows for rows, rate in zip(sources, rates, strict=True) if rate >= _NEARLY * max(rates))
 
 

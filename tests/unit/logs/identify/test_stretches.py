@@ -20,6 +20,8 @@ def test_stretches_end_at_long_gaps_of_either_signal():
     assert find_stretches(log, command) == [
         pytest.approx(span) for span in ((0.5, 9.998), (10.5, 19.996), (21.0, 28.996))
     ]
+    within = _signal(0.5, 29.0, 0.004, (9.0, 13.0))  # a gap that holds those of the gyro
+    assert find_stretches(log, within) == [pytest.approx(span) for span in ((0.5, 8.996), (13.0, 28.996))]
     flown = replace(log, airborne=((2.0, 8.0), (15.0, 17.0)))
     assert find_stretches(flown, command) == [pytest.approx((3.5, 6.5))]
 
