@@ -39,9 +39,9 @@ def test_figures_of_real_autopilots_are_those_of_their_page() -> None:
         assert inside[2] == pytest.approx(own[2], rel=EQUAL_SLEWS)
         gains += [f"{100.0 * (1.0 - ours / theirs):.0f} %" for ours, theirs in zip(inside[:2], own[:2], strict=True)]
         errors = [f"{value:.3f}°".lstrip("0") for value in (*inside[:2], *own[:2])]
-        assert f"| error {errors[0]} with our law inside, {errors[2]} with its own loops (-{gains[-2]}) ²" in text
-        assert f"{errors[1]} and {errors[3]}" in text
-        assert f"{inside[2]:g}" in text.partition("at the slews of our law, ")[2][:20]
+        assert f"°), {gains[-2]} flown ({errors[0]} for {errors[2]}) ²" in text
+        assert f"{errors[1]} for {errors[3]}" in text.partition("By their own estimates that is ")[2]
+        assert f"{inside[2]:g}" in text.partition("on the stand, at ")[2][:20]
     page = " ".join(page.split())
     assert f"our law has {gains[0]} less error than PX4's own loops and {gains[2]} less than ArduPilot's" in page
     assert f"By their own estimates it is {gains[1]} and {gains[3]}." in page
