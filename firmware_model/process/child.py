@@ -1,4 +1,4 @@
-"""Process of a guest: started in a folder of its own, and ended with all that it started."""
+"""Process of an external autopilot: started in a folder of its own, and ended with all that it started."""
 
 import contextlib
 import ctypes

@@ -16,7 +16,7 @@ from firmware_model.types import Quaternion
 ESTIMATE = np.dtype(
     [
         ("time_us", "<f8"),  # [us] model time of the estimate
-        ("q_NB", "<f8", 4),  # attitude B to N as the guest estimates it, scalar first
+        ("q_NB", "<f8", 4),  # attitude B to N as the autopilot estimates it, scalar first
         ("setpoint_q_NB", "<f8", 4),  # attitude set-point of its loops; NaN where unknown
     ]
 )

@@ -32,7 +32,7 @@ from gustproof.flight.recording.bag import write_bag as write_bag
 from gustproof.flight.routes.batch import Case as Case
 from gustproof.flight.routes.batch import fly_many as fly_many
 from gustproof.flight.routes.direct import fly_direct as fly_direct
-from gustproof.flight.routes.external import ForeignAutopilot as ForeignAutopilot
+from gustproof.flight.routes.external import ExternalAutopilot as ExternalAutopilot
 from gustproof.flight.routes.loopback import fly_loopback as fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome as FlightOutcome
 from gustproof.flight.routes.pilots import fly_pilot as fly_pilot

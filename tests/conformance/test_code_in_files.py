@@ -30,7 +30,7 @@ from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter
 from gustproof.cli.app import app
 from gustproof.flight.controllers.entry import parse_entry
 from gustproof.flight.recording.bag import write_bag
-from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan
+from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
 from gustproof.studies.campaign.plan import Campaign, Contestant, parse_campaign
@@ -96,8 +96,8 @@ def given(source: str) -> dict[str, Any]:
 
 def plan_of(source: str) -> dict[str, Any]:
     if source in AUTOPILOTS:
-        autopilot = ForeignAutopilot(kind=source, build="build")
-        return json.loads(json.dumps(GuestPlan(SCENARIO, autopilot, VEHICLE, 1, real_time=False).metadata()))
+        autopilot = ExternalAutopilot(kind=source, build="build")
+        return json.loads(json.dumps(ExternalPlan(SCENARIO, autopilot, VEHICLE, 1, real_time=False).metadata()))
     note = json.loads(json.dumps(FlightPlan(SCENARIO, load_law("hinf-d1"), VEHICLE, 1, real_time=False).metadata()))
     return {**note, "law": None, "controller": given(source)}
 
@@ -129,7 +129,7 @@ def make_table(*laws: Contestant, cases: int = 4) -> None:
 
 def contestant(source: str) -> Contestant:
     if source in AUTOPILOTS:
-        return ForeignAutopilot(kind=source, build="build")
+        return ExternalAutopilot(kind=source, build="build")
     return parse_entry(source)
 
 

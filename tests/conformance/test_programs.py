@@ -1,4 +1,4 @@
-"""Foreign programs fly by `fly --controller`: the guide's clients, and programs that end as they should not."""
+"""External programs fly by `fly --controller`: the guide's clients, and programs that end as they should not."""
 
 import json
 import shutil

@@ -17,7 +17,7 @@ import pytest
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
-from firmware_model.guest.guest import scenario_for
+from firmware_model.external.interface import scenario_for
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict

@@ -22,7 +22,11 @@ from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.types import Records
 
 UNITS = Path(__file__).parent
-WAITING = (UNITS.with_name("conformance"), UNITS / "firmware_model" / "guest", UNITS / "flight/routes/test_guest.py")
+WAITING = (
+    UNITS.with_name("conformance"),
+    UNITS / "firmware_model" / "external",
+    UNITS / "flight/routes/test_external.py",
+)
 
 
 def pytest_collection_modifyitems(items):

@@ -42,7 +42,7 @@ def compare(
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.cli.fly import load_script
-    from gustproof.flight.routes.external import ForeignAutopilot, check_guest
+    from gustproof.flight.routes.external import ExternalAutopilot, check_external
     from gustproof.show.report.contest import render_comparison
     from gustproof.show.report.terminal import show
     from gustproof.studies.campaign.comparison import compare as fly_all
@@ -50,11 +50,11 @@ def compare(
     script, airframe = load_script(scenario, vehicle, free=free), load_vehicle(vehicle)
     ours = find_law(law, airframe, script.control_rate_hz)
     sets = params or ["stock", "tuned"]
-    contestants: list[ForeignAutopilot | Law]
-    contestants = [ForeignAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
+    contestants: list[ExternalAutopilot | Law]
+    contestants = [ExternalAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
     if inside:
-        contestants.append(ForeignAutopilot(kind=autopilot, build=inside, law=ours.name))
-    check_guest(script, autopilot)
+        contestants.append(ExternalAutopilot(kind=autopilot, build=inside, law=ours.name))
+    check_external(script, autopilot)
     tell_rate(script, autopilot)
     title = f"{script.name}, {runs} seed{'s' if runs > 1 else ''}"
     with progress(title, quiet=as_json) as shown:

@@ -16,7 +16,7 @@ from gustproof.cli.options import COMPILING, print_json, print_next, progress, r
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
-    from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan
+    from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
     from gustproof.flight.routes.flight import Flight, FlightPlan
     from gustproof.show.live.live import LivePage
 
@@ -48,7 +48,7 @@ class Session:
 
     def __init__(
         self,
-        plans: "Sequence[FlightPlan | GuestPlan]",
+        plans: "Sequence[FlightPlan | ExternalPlan]",
         compare: "Callable[[Flight], Comparison] | None" = None,
         *,
         tlog: bool,
@@ -77,7 +77,7 @@ class Session:
         if self._failure:
             raise self._failure
 
-    def fly(self, plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None" = None) -> None:
+    def fly(self, plan: "FlightPlan | ExternalPlan", folder: Path, page: "LivePage | None" = None) -> None:
         """Fly, print the result, and end at an interruption."""
         from gustproof.flight.routes.outcome import FlightOutcome
 
@@ -119,7 +119,7 @@ class Session:
                     self.fly(self._plans[chosen], folder, page)
 
 
-def _pilot_name(plan: "FlightPlan | GuestPlan") -> str:
+def _pilot_name(plan: "FlightPlan | ExternalPlan") -> str:
     from gustproof.flight.routes.flight import FlightPlan
 
     return plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
@@ -159,10 +159,12 @@ def _report_failures(result: "Flight", comparison: Comparison | None, folder: Pa
     return None
 
 
-def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool) -> "Flight":
+def _fly(
+    plan: "FlightPlan | ExternalPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool
+) -> "Flight":
     """Fly with progress on standard error, and on a page if there is one."""
     from gustproof.flight.routes.flight import FlightPlan
-    from gustproof.flight.routes.recorder import fly_and_record, fly_guest_and_record
+    from gustproof.flight.routes.recorder import fly_and_record, fly_external_and_record
 
     if not quiet:
         _print_warnings(plan)
@@ -174,7 +176,7 @@ def _fly(plan: "FlightPlan | GuestPlan", folder: Path, page: "LivePage | None", 
         options: dict[str, Any] = {"tlog": tlog, **told}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
-        return fly_guest_and_record(plan, folder, **options, on_listening=page.follow if page else None)
+        return fly_external_and_record(plan, folder, **options, on_listening=page.follow if page else None)
 
 
 def _note_compiling() -> str:
@@ -191,7 +193,7 @@ def _print_temporary_cache() -> None:
         print(f"gustproof: {line}", file=sys.stderr)
 
 
-def _print_warnings(plan: "FlightPlan | GuestPlan") -> None:
+def _print_warnings(plan: "FlightPlan | ExternalPlan") -> None:
     from gustproof.flight.routes.flight import FlightPlan, warnings
     from gustproof.law.form import Law
 
@@ -245,20 +247,20 @@ def choose_autopilot(
     params: str,
     law: str | None = None,
     instance: int | None = None,
-) -> "ForeignAutopilot | None":
+) -> "ExternalAutopilot | None":
     """Return the real autopilot on the command line; `None` for our own, which takes none of its options."""
     if kind is None:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         return None
-    from gustproof.flight.routes.external import ForeignAutopilot
+    from gustproof.flight.routes.external import ExternalAutopilot
 
     refuse_given(context, ("controller",), "--autopilot flies")
-    return ForeignAutopilot(kind=kind, build=build, parameters=params, law=law or "", instance=instance)
+    return ExternalAutopilot(kind=kind, build=build, parameters=params, law=law or "", instance=instance)
 
 
 def confirm_flown(
-    plan: "FlightPlan | GuestPlan", controller: str | None, autopilot: "ForeignAutopilot | None", where: Path
-) -> "FlightPlan | GuestPlan":
+    plan: "FlightPlan | ExternalPlan", controller: str | None, autopilot: "ExternalAutopilot | None", where: Path
+) -> "FlightPlan | ExternalPlan":
     """Return the plan of a bag or a table, to be flown by what the command line names if that is no law.
 
     Raises
@@ -267,9 +269,9 @@ def confirm_flown(
         If the command line does not name it, or names another.
     """
     from gustproof.flight.controllers.entry import Entry, EntryKind, confirm_entry
-    from gustproof.flight.routes.external import GuestPlan, confirm_autopilot
+    from gustproof.flight.routes.external import ExternalPlan, confirm_autopilot
 
-    if isinstance(plan, GuestPlan):
+    if isinstance(plan, ExternalPlan):
         if controller is not None:
             raise ConfigError(f"{where}: flown by '{plan.autopilot.name}', not by --controller")
         return plan._replace(autopilot=confirm_autopilot(plan.autopilot, autopilot, where))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.flight.controllers.entry import Pilot
-    from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan
+    from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
     from gustproof.flight.routes.flight import FlightPlan
 
 
@@ -86,9 +86,9 @@ def fly(
     _refuse_several(laws, allowed=view and not (as_json or autopilot))
     chosen = choose_autopilot(context, autopilot, build, params, laws[0], instance)
     script = load_script(scenario, vehicle, free=free)
-    plans: list[FlightPlan | GuestPlan]
+    plans: list[FlightPlan | ExternalPlan]
     if chosen:
-        plans = [_make_guest_plan(script, chosen, vehicle, seed, real_time=real_time)]
+        plans = [_make_external_plan(script, chosen, vehicle, seed, real_time=real_time)]
     else:
         pilots = [_find_pilot(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws]
         plans = _make_plans(script, pilots, seed, real_time=real_time)
@@ -104,7 +104,7 @@ def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
 
 def _make_plans(
     script: "Scenario", pilots: "Sequence[tuple[Pilot, Vehicle]]", seed: int, *, real_time: bool
-) -> "list[FlightPlan | GuestPlan]":
+) -> "list[FlightPlan | ExternalPlan]":
     from gustproof.flight.routes.flight import FlightPlan
 
     return [FlightPlan(script, pilot, vehicle, seed, real_time) for pilot, vehicle in pilots]
@@ -121,13 +121,13 @@ def load_script(scenario: str, vehicle: str, *, free: bool) -> "Scenario":
     return replace(script, name=f"{script.name}-free", translation="free") if free and not script.free else script
 
 
-def _make_guest_plan(
-    script: "Scenario", autopilot: "ForeignAutopilot", vehicle: str, seed: int, *, real_time: bool
-) -> "GuestPlan":
+def _make_external_plan(
+    script: "Scenario", autopilot: "ExternalAutopilot", vehicle: str, seed: int, *, real_time: bool
+) -> "ExternalPlan":
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.flight.routes.external import GuestPlan
+    from gustproof.flight.routes.external import ExternalPlan
 
-    return GuestPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
+    return ExternalPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
 def _find_pilot(

@@ -23,7 +23,7 @@ from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_pa
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.guest.guest import scenario_for
+from firmware_model.external.interface import scenario_for
 from firmware_model.types import Vector
 from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
 from gustproof.airframe.output_rounding import rounding_slew

@@ -10,7 +10,7 @@ from firmware_model.config.parameter_files import read_parameters
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.guest.guest import scenario_for
+from firmware_model.external.interface import scenario_for
 from gustproof.airframe.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.airframe.predict import predict
 from gustproof.design import autopilot_gains

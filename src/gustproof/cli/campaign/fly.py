@@ -119,7 +119,7 @@ def _find_contestants(
     vehicles: "VehicleSet",
     script: "Scenario",
 ) -> "tuple[Contestant, ...]":
-    from gustproof.flight.routes.external import ForeignAutopilot, check_guest
+    from gustproof.flight.routes.external import ExternalAutopilot, check_external
 
     found: tuple[Contestant, ...] = (
         *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),
@@ -127,8 +127,8 @@ def _find_contestants(
     )
     if autopilot is None:
         return found
-    flown = ForeignAutopilot(kind=autopilot, build=build, parameters=params)
-    check_guest(script, autopilot)
+    flown = ExternalAutopilot(kind=autopilot, build=build, parameters=params)
+    check_external(script, autopilot)
     tell_rate(script, autopilot)
     return (*found, flown)
 

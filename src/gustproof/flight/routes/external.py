@@ -1,6 +1,6 @@
 """A flight of a real autopilot in our world, by a process of its own that starts and ends the autopilot.
 
-    python -m firmware_model.guest  <== its simulator's protocol, MAVLink ==>  the autopilot
+    python -m firmware_model.external  <== its simulator's protocol, MAVLink ==>  the autopilot
 
 The process leaves the journal, the autopilot's own attitude beside it, and the folder that the autopilot ran in.
 """
@@ -23,7 +23,7 @@ from firmware_model.config.scenario import CONTROL_RATE_HZ, Scenario
 from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.guest import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, GuestOutcome, scenario_for
+from firmware_model.external.interface import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, ExternalOutcome, scenario_for
 from firmware_model.recording.estimates import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
 from gustproof.flight.controllers.entry import refuse_named
@@ -39,13 +39,13 @@ _BAD_INPUT = 2  # exit status of the process
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForeignAutopilot:
+class ExternalAutopilot:
     """A build of a real autopilot with its parameters and, if one is built into it, a law inside.
 
     Examples
     --------
-    >>> from gustproof import ForeignAutopilot
-    >>> ForeignAutopilot(kind="px4", parameters="tuned").name
+    >>> from gustproof import ExternalAutopilot
+    >>> ExternalAutopilot(kind="px4", parameters="tuned").name
     'px4-tuned'
     """
 
@@ -102,12 +102,12 @@ class ForeignAutopilot:
         }
 
 
-class GuestPlan(NamedTuple):
+class ExternalPlan(NamedTuple):
     """Everything needed to fly a real autopilot, or to repeat its flight."""
 
     scenario: Scenario
     """Script."""
-    autopilot: ForeignAutopilot
+    autopilot: ExternalAutopilot
     """Autopilot in control."""
     vehicle: Vehicle
     """Vehicle."""
@@ -134,8 +134,8 @@ class GuestPlan(NamedTuple):
         }
 
 
-def parse_autopilot(document: Any, source: object) -> ForeignAutopilot:
-    """Return the autopilot that `ForeignAutopilot.to_dict` has written.
+def parse_autopilot(document: Any, source: object) -> ExternalAutopilot:
+    """Return the autopilot that `ExternalAutopilot.to_dict` has written.
 
     It tells what flew and can't be started: the document may come from anywhere, see `confirm_autopilot`.
 
@@ -148,12 +148,12 @@ def parse_autopilot(document: Any, source: object) -> ForeignAutopilot:
         kind, instance = str(document["autopilot"]), document.get("instance")
         texts = {key: str(document[key]) for key in ("build", "parameters", "law")}
         number = None if instance is None else int(instance)
-        return ForeignAutopilot(kind=kind, instance=number, given=False, **texts)
+        return ExternalAutopilot(kind=kind, instance=number, given=False, **texts)
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say which autopilot flew") from None
 
 
-def confirm_autopilot(flown: ForeignAutopilot, given: ForeignAutopilot | None, where: object) -> ForeignAutopilot:
+def confirm_autopilot(flown: ExternalAutopilot, given: ExternalAutopilot | None, where: object) -> ExternalAutopilot:
     """Return `flown` with the build and the parameters that a user gives to fly it again.
 
     Raises
@@ -171,7 +171,7 @@ def confirm_autopilot(flown: ForeignAutopilot, given: ForeignAutopilot | None, w
     return replace(flown, build=given.build, parameters=given.parameters, given=True)
 
 
-def parse_guest_plan(metadata: Any, source: Path) -> GuestPlan:
+def parse_external_plan(metadata: Any, source: Path) -> ExternalPlan:
     """Return the plan in the metadata of a bag.
 
     Raises
@@ -180,10 +180,10 @@ def parse_guest_plan(metadata: Any, source: Path) -> GuestPlan:
         If there is none.
     """
     scenario, _, vehicle, seed, real_time = parse_metadata(metadata, source)
-    return GuestPlan(scenario, parse_autopilot(metadata.get("autopilot"), source), vehicle, seed, real_time)
+    return ExternalPlan(scenario, parse_autopilot(metadata.get("autopilot"), source), vehicle, seed, real_time)
 
 
-def check_guest(scenario: Scenario, kind: str) -> None:
+def check_external(scenario: Scenario, kind: str) -> None:
     """Refuse a scenario that an autopilot of a kind can't fly as it stands.
 
     Raises
@@ -219,7 +219,7 @@ def find_build(kind: str, given: Path | None = None) -> Path:
     ConfigError
         If there is none.
     """
-    from firmware_model.guest import ardupilot_process, betaflight_process, px4_process  # with all of MAVLink
+    from firmware_model.external import ardupilot_process, betaflight_process, px4_process  # with all of MAVLink
 
     finders = {
         "px4": px4_process.find_build,
@@ -229,8 +229,8 @@ def find_build(kind: str, given: Path | None = None) -> Path:
     return finders[kind](given)
 
 
-def fly_guest(
-    plan: GuestPlan,
+def fly_external(
+    plan: ExternalPlan,
     out: Path,
     *,
     tlog: bool = False,
@@ -249,7 +249,7 @@ def fly_guest(
         names the autopilot.
     """
     plan.autopilot.check_given()
-    check_guest(plan.scenario, plan.autopilot.kind)
+    check_external(plan.scenario, plan.autopilot.kind)
     check_rotors(plan.vehicle)
     build = find_build(plan.autopilot.kind, Path(plan.autopilot.build) if plan.autopilot.build else None)
     plan = plan._replace(scenario=scenario_for(plan.autopilot.kind, plan.scenario))
@@ -263,7 +263,7 @@ def fly_guest(
         facts = _watch(arguments, plan.scenario.samples, journal, progress, on_listening)
     records = read_journal(journal)[1] if journal.exists() else np.empty(0, dtype=RECORD)
     estimates = read_estimates(journal.with_suffix(ATTITUDE_SUFFIX))
-    outcome = blame_physics(FlightOutcome[GuestOutcome(facts["outcome"]).name], records, plan.scenario)
+    outcome = blame_physics(FlightOutcome[ExternalOutcome(facts["outcome"]).name], records, plan.scenario)
     words = describe(outcome, plan.scenario, records) if outcome is FlightOutcome.DIVERGED else outcome.value
     flown = f"{plan.scenario.name}, {plan.autopilot.name}, seed {plan.seed}: {words}"
     return Flight(
@@ -286,7 +286,7 @@ def fly_guest(
     )
 
 
-def _write_inputs(plan: GuestPlan, inputs: Path, journal: Path, folder: Path) -> list[str]:
+def _write_inputs(plan: ExternalPlan, inputs: Path, journal: Path, folder: Path) -> list[str]:
     """Write the files that the process reads, and return its arguments."""
     documents = {
         "scenario": to_jsonable_python(plan.scenario),
@@ -316,7 +316,7 @@ def _watch(
     on_listening: Callable[[Path], None] | None,
 ) -> Mapping[str, Any]:
     """Run the process to its end, and return the facts that it printed."""
-    with launch("firmware_model.guest", *arguments) as process:
+    with launch("firmware_model.external", *arguments) as process:
         try:
             greeted = bool(process.stdout and process.stdout.readline())
             if greeted and on_listening:
@@ -337,9 +337,9 @@ def _read_facts(process: "subprocess.Popen[str]") -> Mapping[str, Any]:
     printed = process.stdout.read().splitlines() if process.stdout else []
     said = process.stderr.read().strip().splitlines() if process.stderr else []
     if process.returncode == _BAD_INPUT:
-        raise ConfigError(said[-1].removeprefix("guest: ") if said else "the autopilot's process did not start")
+        raise ConfigError(said[-1].removeprefix("external: ") if said else "the autopilot's process did not start")
     if printed:
         facts: dict[str, Any] = json.loads(printed[-1])
         return facts
     reason = said[-1] if said else "the process that simulates for the autopilot ended"
-    return {"outcome": GuestOutcome.KILLED.value, "reason": reason, "realtime_factor": 0.0, "autopilot": {}}
+    return {"outcome": ExternalOutcome.KILLED.value, "reason": reason, "realtime_factor": 0.0, "autopilot": {}}

@@ -1,4 +1,4 @@
-"""Processes that control a vehicle over MAVLink: our own with a law, a foreign program under its guard."""
+"""Processes that control a vehicle over MAVLink: our own with a law, an external program under its guard."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +16,7 @@ _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
 
 
 def is_program(pilot: Pilot) -> bool:
-    """Return whether a pilot is a foreign program."""
+    """Return whether a pilot is an external program."""
     return isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM
 
 

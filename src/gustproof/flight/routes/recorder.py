@@ -13,7 +13,7 @@ from firmware_model.recording.journal import read_journal
 from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import UNFINISHED_PREFIX, write_bag
 from gustproof.flight.recording.difference import first_difference
-from gustproof.flight.routes.external import GuestPlan, fly_guest
+from gustproof.flight.routes.external import ExternalPlan, fly_external
 from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata
 from gustproof.flight.routes.outcome import describe, infer_outcome
 from gustproof.flight.routes.processes import WORKING_PREFIX, fly_plan
@@ -46,8 +46,8 @@ def fly_and_record(
     return _replace_journal(flight, plan.metadata())
 
 
-def fly_guest_and_record(
-    plan: GuestPlan,
+def fly_external_and_record(
+    plan: ExternalPlan,
     out: Path,
     *,
     tlog: bool = False,
@@ -64,7 +64,7 @@ def fly_guest_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    flight = fly_guest(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
+    flight = fly_external(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
     on_flown()
     flown = plan._replace(scenario=flight.scenario)
     return _replace_journal(flight, {**flown.metadata(), "autopilot": flight.autopilot})

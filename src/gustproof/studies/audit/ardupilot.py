@@ -16,7 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot_process import find_build, place_and_links
+from firmware_model.external.ardupilot_process import find_build, place_and_links
 from firmware_model.mavlink.messages import command_long_message
 from firmware_model.process.child import ChildProcess
 from gustproof.studies.audit.link import AutopilotLink

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from firmware_model.errors import ConfigError
-from firmware_model.guest.px4_process import find_build
+from firmware_model.external.px4_process import find_build
 from gustproof.studies.audit.px4_flight import ROTORS, AuditPhase, Record, record_flight
 from gustproof.studies.audit.simulator import (
     STILL,

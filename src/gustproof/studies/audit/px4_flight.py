@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
-from firmware_model.guest.guest import GuestError
-from firmware_model.guest.px4_process import BOOTED, onboard_port, reserve_instance, start_px4, write_start_files
+from firmware_model.external.interface import ExternalError
+from firmware_model.external.px4_process import BOOTED, onboard_port, reserve_instance, start_px4, write_start_files
 from firmware_model.mavlink.messages import command_long_message
 from firmware_model.process.child import ChildProcess
 from gustproof.logs.read.ulog import read_topics
@@ -96,7 +96,7 @@ def record_flight(build: Path, parameters: Mapping[str, str], phases: Sequence[A
                 flight = _Flight(process, link, instance + 1)
                 flight.fly(phases)
             record = _read_record(folder, flight.sent_us)
-    except GuestError as error:
+    except ExternalError as error:
         raise ConfigError(f"audit px4: {error}") from None
     for name, value in parameters.items():
         if not math.isclose(told := record.parameters.get(name, math.nan), float(value), rel_tol=_FLOAT32):

@@ -11,7 +11,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.errors import FlightError
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan, fly_guest
+from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import Metrics, measure
 from gustproof.flight.scoring.own_view import OwnView, steady_rmse_deg
@@ -44,7 +44,7 @@ class ComparisonRow:
 def compare(
     scenario: Scenario,
     vehicle: Vehicle,
-    contestants: Sequence[ForeignAutopilot | Law],
+    contestants: Sequence[ExternalAutopilot | Law],
     seeds: Sequence[int],
     progress: Callable[[float, str], None] = lambda *_: None,
 ) -> list[ComparisonRow]:
@@ -67,12 +67,12 @@ def compare(
     return rows
 
 
-def _fly(scenario: Scenario, vehicle: Vehicle, contestant: ForeignAutopilot | Law, seed: int) -> ComparisonRow:
+def _fly(scenario: Scenario, vehicle: Vehicle, contestant: ExternalAutopilot | Law, seed: int) -> ComparisonRow:
     if isinstance(contestant, Law):
         records = fly_direct(scenario, contestant, vehicle=vehicle, seed=seed)
         return _make_row(contestant.name, records, measure(records, vehicle, scenario, 0.0), None)
     with TemporaryDirectory() as folder:
-        flight = fly_guest(GuestPlan(scenario, contestant, vehicle, seed, real_time=False), Path(folder))
+        flight = fly_external(ExternalPlan(scenario, contestant, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:
         raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:

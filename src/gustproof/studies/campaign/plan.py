@@ -20,7 +20,7 @@ from firmware_model.errors import ConfigError
 from gustproof.flight.controllers.entry import Entry, EntryKind, confirm_entry, parse_entry_metadata
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.routes.batch import Case
-from gustproof.flight.routes.external import ForeignAutopilot, confirm_autopilot, parse_autopilot
+from gustproof.flight.routes.external import ExternalAutopilot, confirm_autopilot, parse_autopilot
 from gustproof.law.form import Law, parse_law
 from gustproof.studies.campaign.sampling import Sampling, draw_deltas, flight_seeds
 from gustproof.types import Array
@@ -31,7 +31,7 @@ _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
-Contestant = Law | Entry | ForeignAutopilot
+Contestant = Law | Entry | ExternalAutopilot
 """Whatever flies a campaign."""
 
 
@@ -268,7 +268,7 @@ def confirm(law: Contestant, given: Sequence[Contestant], where: object) -> Cont
     same = next((each for each in given if each.name == law.name and type(each) is type(law)), None)
     if isinstance(law, Entry):
         return confirm_entry(law, same.source if isinstance(same, Entry) else None, where)
-    return confirm_autopilot(law, same if isinstance(same, ForeignAutopilot) else None, where)
+    return confirm_autopilot(law, same if isinstance(same, ExternalAutopilot) else None, where)
 
 
 def trust(law: Contestant) -> Contestant:

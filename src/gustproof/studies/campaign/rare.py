@@ -34,7 +34,7 @@ from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
 from gustproof.flight.routes.batch import Case, make_batch_simulator
-from gustproof.flight.routes.external import ForeignAutopilot
+from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.flight.routes.kernels import LANES
 from gustproof.studies.campaign.executors import Pool
 from gustproof.studies.campaign.intervals import CONFIDENCE, IntervalEstimate, positive_mean, proportion
@@ -304,7 +304,7 @@ class _Ensemble:
 
     def __init__(self, campaign: Campaign, event: Threshold, number: int) -> None:
         law = trust(campaign.laws[0])
-        if isinstance(law, ForeignAutopilot):
+        if isinstance(law, ExternalAutopilot):
             raise TypeError(law)
         size = LANES * max(math.ceil(campaign.cases / (ENSEMBLES * LANES)), 2)
         self._campaign, self._event, self._simulate = campaign, event, make_batch_simulator(campaign.scenario, law)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers.entry import Entry
-from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan
+from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.studies.campaign.plan import Campaign
 from gustproof.studies.campaign.reader import read_campaign, read_run
@@ -24,14 +24,14 @@ class CampaignRun(NamedTuple):
     """Results by column."""
 
     @property
-    def plan(self) -> FlightPlan | GuestPlan:
+    def plan(self) -> FlightPlan | ExternalPlan:
         """Plan of a flight that repeats the run."""
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.make_case(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
         script = case.apply_to(self.campaign.scenario)
-        if isinstance(law, ForeignAutopilot):
-            return GuestPlan(script, law, case.vehicle, case.seed, real_time=False)
+        if isinstance(law, ExternalAutopilot):
+            return ExternalPlan(script, law, case.vehicle, case.seed, real_time=False)
         nominal = self.campaign.vehicles.nominal if isinstance(law, Entry) else None
         return FlightPlan(script, law, case.vehicle, case.seed, real_time=False, nominal=nominal)
 

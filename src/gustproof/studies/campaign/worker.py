@@ -21,7 +21,7 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers.entry import Pilot
 from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
-from gustproof.flight.routes.external import ForeignAutopilot, GuestPlan, fly_guest
+from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
 from gustproof.flight.routes.kernels import LANES
 from gustproof.flight.routes.outcome import ENTRY_FAILURES, FlightOutcome
 from gustproof.flight.routes.pilots import PilotFlight, fly_pilot
@@ -127,8 +127,8 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
 
 def _make_simulator(campaign: Campaign, law: Contestant) -> Simulator:
     scenario = campaign.scenario
-    if isinstance(law, ForeignAutopilot):
-        return lambda cases: [_fly_guest(scenario, law, case) for case in cases]
+    if isinstance(law, ExternalAutopilot):
+        return lambda cases: [_fly_external(scenario, law, case) for case in cases]
     if not scenario.has_link_script and flies_in_lanes(law):
         return make_batch_simulator(scenario, law)
 
@@ -148,10 +148,10 @@ def _fly_alone(campaign: Campaign, pilot: Pilot, case: Case) -> PilotFlight:
     return fly_pilot(script, pilot, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
 
 
-def _fly_guest(scenario: Scenario, autopilot: ForeignAutopilot, case: Case) -> CaseResult:
+def _fly_external(scenario: Scenario, autopilot: ExternalAutopilot, case: Case) -> CaseResult:
     with TemporaryDirectory() as folder:
-        plan = GuestPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
-        flight = fly_guest(plan, Path(folder))
+        plan = ExternalPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
+        flight = fly_external(plan, Path(folder))
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise ValueError(flight.message)
     return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
@@ -161,7 +161,7 @@ def _check_diverged(campaign: Campaign, law: Contestant, case: Case, judged: Cas
     """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged
-    if campaign.scenario.has_link_script or isinstance(law, ForeignAutopilot):
+    if campaign.scenario.has_link_script or isinstance(law, ExternalAutopilot):
         return "diverged"
     flight = _fly_alone(campaign, law, case)
     if flight.outcome in ENTRY_FAILURES:

@@ -215,7 +215,7 @@ def test_a_file_s_fractions_of_whole_numbers_are_dropped_as_there(tmp_path: Path
 
 def told_types(kind: str) -> dict[str, int]:
     """Return the MAV_PARAM_TYPE that a real autopilot has told of each parameter in its recorded session."""
-    path = Path(__file__).parents[2] / "firmware_model" / "guest" / "transcripts" / f"{kind}.json.xz"
+    path = Path(__file__).parents[2] / "firmware_model" / "external" / "transcripts" / f"{kind}.json.xz"
     types = {}
     for datagram in chain.from_iterable(json.loads(lzma.decompress(path.read_bytes()))["mavlink"].values()):
         rest = bytes.fromhex(datagram)

@@ -11,7 +11,7 @@ from firmware_model.config.firmware import ardupilot_full_torque, px4_full_torqu
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.whole_file import write_folder
 from firmware_model.errors import ConfigError
-from firmware_model.guest.guest import check_law_inside
+from firmware_model.external.interface import check_law_inside
 from gustproof.law.form import load_law
 from gustproof.law.write.c import AttitudeSource
 from gustproof.law.write.firmware.folders import Firmware, firmware_folder

@@ -1,9 +1,9 @@
-"""What keeps a guest from holding the vehicle still, by the vehicle's motion."""
+"""What keeps an autopilot from holding the vehicle still, by the vehicle's motion."""
 
 import numpy as np
 import pytest
 
-from firmware_model.guest.flight import describe_unrest
+from firmware_model.external.flight import describe_unrest
 
 
 def swing(frequency: float, size: float, offset: float = 0.0, axis: int = 0) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Betaflight as a guest: its packets worked out by hand, and flights of a stand-in that checks every field.
+"""Betaflight: its packets worked out by hand, and flights of a stand-in that checks every field.
 
 With GUSTPROOF_BETAFLIGHT, a program or its folder, the flights to the end are flown by the real one too.
 """
@@ -18,18 +18,18 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest import betaflight_process, flight
-from firmware_model.guest.__main__ import main
-from firmware_model.guest.betaflight import (
-    SticksPilot,
+from firmware_model.external import betaflight_process, flight
+from firmware_model.external.__main__ import main
+from firmware_model.external.betaflight import (
+    SticksClient,
     pack_request,
     pack_state,
     pack_sticks,
     parse_answers,
     parse_status,
 )
-from firmware_model.guest.betaflight_process import Ports, find_binary, read_commands, vehicle_commands
-from firmware_model.guest.world import World
+from firmware_model.external.betaflight_process import Ports, find_binary, read_commands, vehicle_commands
+from firmware_model.external.world import World
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.recording.journal import read_journal
 from firmware_model.types import AttitudeTarget
@@ -167,32 +167,32 @@ def test_sticks_are_clipped_and_pitch_is_nose_down() -> None:
 
 
 def test_pilot_arms_once_no_refusal_is_left_and_holds_the_heading() -> None:
-    pilot = SticksPilot()
-    pilot.meet(0, 9004)
-    assert pilot.poll(0) == []  # nothing to follow
-    pilot.wants_flight, pilot.target = True, AttitudeTarget(0, from_euler(0.0, 0.0, 0.1), None, 0.5)
+    client = SticksClient()
+    client.meet(0, 9004)
+    assert client.poll(0) == []  # nothing to follow
+    client.wants_flight, client.target = True, AttitudeTarget(0, from_euler(0.0, 0.0, 0.1), None, 0.5)
 
     def sticks() -> tuple[float, ...]:
-        ((packet, address),) = pilot.poll(0)
+        ((packet, address),) = client.poll(0)
         assert address == (0, ("127.0.0.1", 9004))
         return struct.unpack("<d16H", packet)[1:6]
 
     def status(boxes: int, flags: int) -> bytes:
         return struct.pack("<HHHIBHHBBIBHB", 125, 0, 0, boxes, 0, 0, 0, 0, 29, flags, 0, 0, 4)
 
-    pilot.receive(b"$M>", (0, ("127.0.0.1", 9004)), 0)
-    assert pilot.channel.dropped == {}
+    client.receive(b"$M>", (0, ("127.0.0.1", 9004)), 0)
+    assert client.channel.dropped == {}
     assert sticks() == (1500, 1500, 1000, 1500, 1000)
-    pilot.hear(parse_status(status(2, 1 << 7)))
-    assert pilot.texts[-1] == "it does not arm: throttle"
+    client.hear(parse_status(status(2, 1 << 7)))
+    assert client.texts[-1] == "it does not arm: throttle"
     assert sticks()[4] == 1000
-    pilot.hear(parse_status(status(2, 0)))
+    client.hear(parse_status(status(2, 0)))
     assert sticks() == (1500, 1500, 1000, 1500, 2000)
-    pilot.hear(parse_status(status(3, 0)))
-    assert pilot.is_armed
-    assert pilot.is_in_mode
+    client.hear(parse_status(status(3, 0)))
+    assert client.is_armed
+    assert client.is_in_mode
     assert sticks() == (1500, 1500, 1500, 1514, 2000)
-    pilot.observe(from_euler(0.3, 0.2, 0.05))
+    client.observe(from_euler(0.3, 0.2, 0.05))
     assert sticks() == (1500, 1500, 1500, 1507, 2000)
 
 

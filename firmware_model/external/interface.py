@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.errors import ConfigError
-from firmware_model.guest.dialect import Dialect
+from firmware_model.external.dialect import Dialect
 
 if TYPE_CHECKING:
-    from firmware_model.guest.pilot import Pilot
-    from firmware_model.guest.readings import Readings
+    from firmware_model.external.client import ExternalClient
+    from firmware_model.external.readings import Readings
 
 SAMPLE_RATES_HZ = {"px4": 250, "ardupilot": 400, "betaflight": 250}
 """[Hz] Samples that each autopilot takes; one sample is one exchange with it, one pass of its rate loops."""
@@ -26,8 +26,8 @@ WITHOUT_LOCKSTEP = ("betaflight",)
 """Autopilots that run on the clock of the machine: flown at its pace, and no two flights are equal."""
 
 
-class GuestOutcome(Enum):
-    """Outcome of a guest's flight."""
+class ExternalOutcome(Enum):
+    """Outcome of an external autopilot's flight."""
 
     DONE = "done"
     """Flown from start to end under its own loops."""
@@ -55,16 +55,16 @@ class GuestOutcome(Enum):
     """Ctrl-C or a termination signal."""
 
 
-class GuestError(Exception):
+class ExternalError(Exception):
     """End of a flight before its time; the text is one line."""
 
-    def __init__(self, outcome: GuestOutcome, reason: str) -> None:
+    def __init__(self, outcome: ExternalOutcome, reason: str) -> None:
         super().__init__(reason)
         self.outcome = outcome
 
 
 @dataclass(slots=True, kw_only=True)
-class GuestOptions:
+class ExternalOptions:
     """Options of a flight of a real autopilot, written by a parent process."""
 
     autopilot: Literal["px4", "ardupilot", "betaflight"]
@@ -92,15 +92,15 @@ class GuestOptions:
     metadata: Path | None = None
     """JSON file with the metadata for the journal's header."""
     tlog: Path | None = None
-    """New telemetry log of the pilot's link."""
+    """New telemetry log of the client's link."""
     exit_on_stdin_eof: bool = False
     """True if a parent process holds the standard input open for as long as the flight shall last."""
 
 
-class Guest(Protocol):
-    """A guest: `start` it, then for each sample `send` the readings and `receive` the rotor commands, then `close` it.
+class ExternalProcess(Protocol):
+    """Process of an external autopilot: `start` it; for each sample `send` readings, `receive` commands; `close` it.
 
-    Each method but `close` raises a `GuestError` that names the outcome.
+    Each method but `close` raises a `ExternalError` that names the outcome.
     """
 
     name: str
@@ -119,18 +119,18 @@ class Guest(Protocol):
         """MAVLink system id."""
 
     @property
-    def pilot_port(self) -> int | None:
-        """UDP port on this machine for the pilot's first datagram; `None` if the guest speaks first."""
+    def client_port(self) -> int | None:
+        """UDP port on this machine for the client's first datagram; `None` if the autopilot speaks first."""
 
     @property
     def is_armed(self) -> bool:
         """True if its last answer came armed, or does not say."""
 
-    def make_pilot(self) -> "Pilot":
-        """Return the pilot that flies it."""
+    def make_client(self) -> "ExternalClient":
+        """Return the client that flies it."""
 
-    def start(self, pilot_port: int) -> None:
-        """Start its process; its pilot listens on the UDP port `pilot_port`."""
+    def start(self, client_port: int) -> None:
+        """Start its process; its client listens on the UDP port `client_port`."""
 
     def send(self, readings: "Readings") -> None:
         """Send the readings of a sample."""

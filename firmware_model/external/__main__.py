@@ -1,4 +1,4 @@
-"""`python -m firmware_model.guest`: a scripted flight of a real autopilot, which this process starts and ends.
+"""`python -m firmware_model.external`: a scripted flight of a real autopilot, which this process starts and ends.
 
 It prints one line of JSON when the autopilot is about to start, and one with the facts of the flight at its end.
 """
@@ -20,10 +20,10 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.errors import ConfigError, RecordingError
-from firmware_model.guest.flight import GuestFlight
-from firmware_model.guest.guest import Guest, GuestError, GuestOptions, GuestOutcome
-from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.world import World
+from firmware_model.external.client import ExternalClient
+from firmware_model.external.flight import ExternalFlight
+from firmware_model.external.interface import ExternalError, ExternalOptions, ExternalOutcome, ExternalProcess
+from firmware_model.external.world import World
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.interrupts import call_on_interrupt
@@ -43,19 +43,19 @@ _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 def main(words: Sequence[str]) -> int:
     """Fly one scenario and return the exit status."""
     try:
-        options = read_words(GuestOptions, words)
+        options = read_words(ExternalOptions, words)
         scenario = read_json(Scenario, options.scenario) or load_scenario(options.scenario)
         vehicle = read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
         facts = _fly(options, scenario, vehicle)
     except (ConfigError, RecordingError) as error:
-        print(f"guest: {printable(str(error))}", file=sys.stderr)
+        print(f"external: {printable(str(error))}", file=sys.stderr)
         return _EXIT_BAD_INPUT if isinstance(error, ConfigError) else _EXIT_FAILED
     print(json.dumps(facts), flush=True)
-    return 0 if facts["outcome"] == GuestOutcome.DONE.value else _EXIT_FAILED
+    return 0 if facts["outcome"] == ExternalOutcome.DONE.value else _EXIT_FAILED
 
 
-def make_guest(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> Guest:
-    """Return the guest that the command line names, not started.
+def make_external(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> ExternalProcess:
+    """Return the autopilot that the command line names, not started.
 
     Raises
     ------
@@ -63,22 +63,22 @@ def make_guest(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> G
         If an option is wrong.
     """
     if options.autopilot == "betaflight":
-        from firmware_model.guest.betaflight_process import make_betaflight
+        from firmware_model.external.betaflight_process import make_betaflight
 
         return make_betaflight(options, scenario, vehicle)
     if options.autopilot == "ardupilot":
-        from firmware_model.guest.ardupilot_process import make_ardupilot
+        from firmware_model.external.ardupilot_process import make_ardupilot
 
         return make_ardupilot(options, scenario, vehicle)
-    from firmware_model.guest.px4_process import make_px4
+    from firmware_model.external.px4_process import make_px4
 
     return make_px4(options, scenario, vehicle)
 
 
-def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+def _fly(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
     with ExitStack() as stack:
-        guest = make_guest(options, scenario, vehicle)
-        stack.callback(guest.close)
+        external = make_external(options, scenario, vehicle)
+        stack.callback(external.close)
         note = parse_json(read_text(options.metadata)) if options.metadata else {}
         names = {"scenario": scenario.name, "vehicle": vehicle.name, "seed": options.seed}
         try:
@@ -89,29 +89,29 @@ def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[st
         stack.enter_context(journal)
         bound = stack.enter_context(udp.bind(0))
         world = World(vehicle, scenario, options.seed, journal.append)
-        pilot = guest.make_pilot()
-        endpoint: udp.Endpoint = pilot
+        client = external.make_client()
+        endpoint: udp.Endpoint = client
         if options.tlog:
             unix_us = time.time_ns() // 1000
-            endpoint = stack.enter_context(Tlog(options.tlog, pilot, lambda now_us: unix_us + now_us))
-        flight = GuestFlight(
-            guest,
-            pilot,
+            endpoint = stack.enter_context(Tlog(options.tlog, client, lambda now_us: unix_us + now_us))
+        flight = ExternalFlight(
+            external,
+            client,
             world,
             vehicle,
             scenario,
-            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else guest.arrival_s, pilot),
+            exchange=_exchanger(endpoint, bound, 0.0 if options.real_time else external.arrival_s, client),
             estimate=estimates.append_estimate,
             wait=_pacer() if options.real_time else lambda _: None,
         )
         call_on_interrupt(flight.interrupt)
         if options.exit_on_stdin_eof:
             exit_on_stdin_eof(flight.interrupt)
-        # Load or compile the machine code before the guest waits for it.
+        # Load or compile the machine code before the autopilot waits for it.
         VehicleLoop(vehicle, scenario, options.seed).advance(LevelFlight(), Mode.STABILIZED.value)
         realtime.freeze_gc(off=True)
         print(json.dumps({"listening": bound.getsockname()[1], **names}), flush=True)
-        outcome, reason, flown_s = _run(guest, pilot, flight, bound.getsockname()[1])
+        outcome, reason, flown_s = _run(external, client, flight, bound.getsockname()[1])
         model_s = world.loop.time_us * 1e-6
         world.record_preparation()
         return {
@@ -121,39 +121,41 @@ def _fly(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> dict[st
             "wall_s": flown_s if world.flying else 0.0,
             "realtime_factor": model_s / flown_s if world.flying else 0.0,
             "autopilot": {
-                "program": guest.name,
-                "version": pilot.version,
-                **guest.facts(),
-                "unknown_parameters": pilot.reader.unknown,
-                "rounded_parameters": pilot.reader.rounded,
-                "read_back": pilot.reader.told,
+                "program": external.name,
+                "version": client.version,
+                **external.facts(),
+                "unknown_parameters": client.reader.unknown,
+                "rounded_parameters": client.reader.rounded,
+                "read_back": client.reader.told,
             },
-            "texts": list(pilot.texts),
-            "link": pilot.channel.stats(),
+            "texts": list(client.texts),
+            "link": client.channel.stats(),
         }
 
 
-def _run(guest: Guest, pilot: Pilot, flight: GuestFlight, port: int) -> tuple[GuestOutcome, str, float]:
+def _run(
+    external: ExternalProcess, client: ExternalClient, flight: ExternalFlight, port: int
+) -> tuple[ExternalOutcome, str, float]:
     """Return outcome, reason, and wall time [s] of the scenario."""
     began_s = math.nan
-    outcome, reason = GuestOutcome.DONE, ""
+    outcome, reason = ExternalOutcome.DONE, ""
     try:
-        guest.start(port)
-        pilot.meet(guest.system, guest.pilot_port)
+        external.start(port)
+        client.meet(external.system, external.client_port)
         flight.prepare()
         began_s = time.monotonic()
         flight.fly()
-    except GuestError as error:
+    except ExternalError as error:
         outcome, reason = error.outcome, printable(str(error))
     return outcome, reason, time.monotonic() - began_s
 
 
 def _exchanger(
-    endpoint: udp.Endpoint, bound: socket.socket, wait_s: float, pilot: Pilot
+    endpoint: udp.Endpoint, bound: socket.socket, wait_s: float, client: ExternalClient
 ) -> Callable[[int, bool], None]:
     """Return the function that passes on all waiting datagrams, and sends those that are due.
 
-    It can wait `wait_s` [s] before and after, for what is on its way; otherwise it waits for the pilot's echo.
+    It can wait `wait_s` [s] before and after, for what is on its way; otherwise it waits for the client's echo.
     """
 
     def exchange(now_us: int, waits: bool) -> None:
@@ -164,11 +166,11 @@ def _exchanger(
         for datagram, (_, peer) in sent:
             with contextlib.suppress(OSError):
                 bound.sendto(datagram, peer)
-        if waits and wait_s:  # a command wakes several threads of the guest, a set-point one
+        if waits and wait_s:  # a command wakes several threads of the autopilot, a set-point one
             time.sleep(wait_s if len(sent) < 2 else _COMMAND_WAITS * wait_s)
-        if pilot.awaits_echo:
+        if client.awaits_echo:
             until_s = time.monotonic() + _COMMAND_WAITS * wait_s
-            while pilot.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
+            while client.awaits_echo and select.select([bound], [], [], max(until_s - time.monotonic(), 0.0))[0]:
                 _receive(endpoint, bound, now_us)
 
     return exchange

@@ -1,9 +1,9 @@
-"""Conductor of a guest's flight: bring-up until it holds the vehicle still, the scenario, and the end by its name.
+"""Conductor of an external autopilot's flight: bring-up until it holds the vehicle still, the scenario, the named end.
 
     stand    armed in its clamp, level, hover thrust -> clamp open, calm air, settled -> scenario
     free     armed on the ground, climbs to the scenario's height -> settled -> scenario
 
-In all phases the guest follows attitude set-points; those of the scenario are the references of its events, level
+In all phases the autopilot follows attitude set-points; those of the scenario are the references of its events, level
 before the first. In free flight their thrust holds the scenario's height by the true height, so that no autopilot's
 own height loop makes a difference between two of them. The place is not held, as with a law of ours.
 """
@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from firmware_model.config.firmware import hover_fraction
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
-from firmware_model.guest.guest import Guest, GuestError, GuestOutcome
-from firmware_model.guest.pilot import PERIOD_US, Pilot, describe_refusals, quote_last_texts
-from firmware_model.guest.readings import Readings
-from firmware_model.guest.world import World
+from firmware_model.external.client import PERIOD_US, ExternalClient, describe_refusals, quote_last_texts
+from firmware_model.external.interface import ExternalError, ExternalOutcome, ExternalProcess
+from firmware_model.external.readings import Readings
+from firmware_model.external.world import World
 from firmware_model.numerics.rotations import from_euler, multiply
 from firmware_model.recording.estimates import Estimate
 from firmware_model.types import AttitudeTarget, Quaternion, Vector
 
-_STILL_S = 3.0  # a guest that was still for this long has settled
+_STILL_S = 3.0  # an autopilot that was still for this long has settled
 _STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
 _SETTLE_TIMEOUT_S = 40.0
 _ONE_WAY = 0.5  # mean of a rate by its largest, above which it is a turn and no swing
@@ -42,18 +42,18 @@ _PROBE_S, _PROBE_ANGLE = 0.2, math.radians(4.0)
 _PROBE_SHARE = 0.8  # of the torque's direction: axes that are crossed by more belong to another geometry
 
 
-class GuestFlight:
-    """One flight of a guest in a world: `prepare`, then `fly`.
+class ExternalFlight:
+    """One flight of an autopilot in a world: `prepare`, then `fly`.
 
-    `exchange` carries the pilot's datagrams, called with the world's time [us]. With True it waits until they have
-    arrived: then two flights get the same set-point at the same sample. In the scenario the pilot's echo tells that, in
-    a tenth of the time. `estimate` gets each attitude estimate of the scenario, on the scenario's clock.
+    `exchange` carries the client's datagrams, called with the world's time [us]. With True it waits until they have
+    arrived: then two flights get the same set-point at the same sample. In the scenario the client's echo shows that,
+    in a tenth of the time. `estimate` gets each attitude estimate of the scenario, on the scenario's clock.
     """
 
     def __init__(
         self,
-        guest: Guest,
-        pilot: Pilot,
+        external: ExternalProcess,
+        client: ExternalClient,
         world: World,
         vehicle: Vehicle,
         scenario: Scenario,
@@ -62,7 +62,7 @@ class GuestFlight:
         estimate: Callable[[Estimate], None] = lambda _: None,
         wait: Callable[[int], None] = lambda _: None,
     ) -> None:
-        self._guest, self._pilot, self._world = guest, pilot, world
+        self._external, self._client, self._world = external, client, world
         self._vehicle, self._scenario = vehicle, scenario
         self._exchange, self._estimate, self._wait = exchange, estimate, wait
         self._references = list(scenario.references)
@@ -72,18 +72,18 @@ class GuestFlight:
         self._rotors: tuple[float, ...] = (0.0,) * 4
         self._readings = world.readings()
         self._interrupted = False
-        self._pilot_at_us = 0
+        self._client_at_us = 0
 
     def interrupt(self) -> None:
         """End the flight at the next sample."""
         self._interrupted = True
 
     def prepare(self) -> None:
-        """Bring the started guest to hold the vehicle still, and begin the scenario.
+        """Bring the started autopilot to hold the vehicle still, and begin the scenario.
 
         Raises
         ------
-        GuestError
+        ExternalError
             If the flight ends before that, with its outcome.
         """
         self._arm()
@@ -95,14 +95,14 @@ class GuestFlight:
         self._world.release()
         self._settle()
         self._world.begin()
-        self._pilot.take_estimates()
+        self._client.take_estimates()
 
     def fly(self) -> None:
         """Fly the scenario to its end.
 
         Raises
         ------
-        GuestError
+        ExternalError
             If the flight ends before that, with its outcome.
         """
         while not self._world.finished:
@@ -111,22 +111,24 @@ class GuestFlight:
             self._check()
 
     def _arm(self) -> None:
-        """Wait for the guest, send it set-points, set its mode, and arm it."""
-        pilot, until_us = self._pilot, round(1e6 * self._guest.arming_timeout_s)
-        while self._world.time_us % _DECISION_US or not (pilot.is_armed and pilot.is_in_mode and self._guest.is_armed):
-            has_warmed_up = pilot.autopilot is not None and self._world.time_us >= 1e6 * self._guest.warm_up_s
-            pilot.wants_flight = has_warmed_up and pilot.reader.finished
+        """Wait for the autopilot, send it set-points, set its mode, and arm it."""
+        client, until_us = self._client, round(1e6 * self._external.arming_timeout_s)
+        while self._world.time_us % _DECISION_US or not (
+            client.is_armed and client.is_in_mode and self._external.is_armed
+        ):
+            has_warmed_up = client.autopilot is not None and self._world.time_us >= 1e6 * self._external.warm_up_s
+            client.wants_flight = has_warmed_up and client.reader.finished
             self._step()
-            if pilot.autopilot not in (None, self._guest.dialect.autopilot):
-                raise GuestError(
-                    GuestOutcome.WRONG_BUILD, f"it is not {self._guest.name}: MAV_AUTOPILOT {pilot.autopilot}"
+            if client.autopilot not in (None, self._external.dialect.autopilot):
+                raise ExternalError(
+                    ExternalOutcome.WRONG_BUILD, f"it is not {self._external.name}: MAV_AUTOPILOT {client.autopilot}"
                 )
-            if pilot.reader.finished and (faults := pilot.reader.describe_faults()):
-                raise GuestError(GuestOutcome.WRONG_PARAMETERS, faults)
+            if client.reader.finished and (faults := client.reader.describe_faults()):
+                raise ExternalError(ExternalOutcome.WRONG_PARAMETERS, faults)
             if self._world.time_us >= until_us:
-                waited = f"not armed in {self._guest.dialect.mode_name} after {until_us / 1e6:g} s"
-                raise GuestError(GuestOutcome.NOT_ARMED, f"{waited}: {describe_refusals(pilot)}")
-        pilot.wants_flight = False
+                waited = f"not armed in {self._external.dialect.mode_name} after {until_us / 1e6:g} s"
+                raise ExternalError(ExternalOutcome.NOT_ARMED, f"{waited}: {describe_refusals(client)}")
+        client.wants_flight = False
 
     def _probe(self) -> None:
         """Compare the torques of the rotors with those of small set-points about each axis, in the clamp."""
@@ -143,7 +145,7 @@ class GuestFlight:
             if not acceleration[axis] > _PROBE_SHARE * float(np.linalg.norm(acceleration)):
                 L, M, N = torque.tolist()
                 said = f"a set-point in {name} gave torques of {L:.2f}, {M:.2f}, {N:.2f} N m"
-                raise GuestError(GuestOutcome.WRONG_GEOMETRY, said)
+                raise ExternalError(ExternalOutcome.WRONG_GEOMETRY, said)
 
     def _spin_up(self) -> None:
         """Wait until the rotors give about the thrust of the set-point."""
@@ -153,7 +155,7 @@ class GuestFlight:
             self._check()
             if self._world.time_us > until_us:
                 said = f"armed, but its rotors give {thrust:.2f} of their largest thrust, where {hover:.2f} is set"
-                raise GuestError(GuestOutcome.NOT_ARMED, f"{said}: {describe_refusals(self._pilot)}")
+                raise ExternalError(ExternalOutcome.NOT_ARMED, f"{said}: {describe_refusals(self._client)}")
 
     def _hold(self, seconds: float) -> NDArray[np.float64]:
         """Hold the set-point for a time, and return the last torque [N*m] of the rotors."""
@@ -174,7 +176,7 @@ class GuestFlight:
             if self._world.time_us > until_us:
                 reached = f"at {-self._readings.position_N[2]:.1f} m, not {height:g} m, in time: "
                 reached += "its hover thrust or its motors' curve is not this vehicle's"
-                raise GuestError(GuestOutcome.UNSETTLED, reached)
+                raise ExternalError(ExternalOutcome.UNSETTLED, reached)
 
     def _settle(self) -> None:
         """Wait until the vehicle has been still for a while."""
@@ -189,18 +191,20 @@ class GuestFlight:
             if self._world.time_us > until_us:
                 height = -self._readings.position_N[2] - self._scenario.altitude_m
                 said = describe_unrest(np.array(rates), self._scenario.dt, height if self._scenario.free else 0.0)
-                raise GuestError(GuestOutcome.UNSETTLED, f"after {_SETTLE_TIMEOUT_S:g} s it {said}")
+                raise ExternalError(ExternalOutcome.UNSETTLED, f"after {_SETTLE_TIMEOUT_S:g} s it {said}")
 
     def _switch_law_on(self) -> None:
-        """Give control to the law inside, if the guest's mode does not."""
-        pilot, dialect = self._pilot, self._guest.dialect
-        pilot.wants_law, until_us = bool(dialect.law_switch), self._world.time_us + round(1e6 * _SWITCH_TIMEOUT_S)
-        while pilot.wants_law:
+        """Give control to the law inside, if the autopilot's mode does not."""
+        client, dialect = self._client, self._external.dialect
+        client.wants_law, until_us = bool(dialect.law_switch), self._world.time_us + round(1e6 * _SWITCH_TIMEOUT_S)
+        while client.wants_law:
             self._step()
             self._check()
-            pilot.wants_law = dialect.law_is_on not in pilot.texts
+            client.wants_law = dialect.law_is_on not in client.texts
             if self._world.time_us > until_us:
-                raise GuestError(GuestOutcome.WRONG_BUILD, f"no law inside takes control: {describe_refusals(pilot)}")
+                raise ExternalError(
+                    ExternalOutcome.WRONG_BUILD, f"no law inside takes control: {describe_refusals(client)}"
+                )
 
     def _is_at_height(self) -> bool:
         off = self._scenario.altitude_m + self._readings.position_N[2]
@@ -212,51 +216,51 @@ class GuestFlight:
             self._reference = from_euler(*self._references.pop(0)[1])
 
     def _step(self) -> None:
-        """Exchange one sample with the guest, and let its pilot speak when it is due."""
+        """Exchange one sample with the autopilot, and let its client speak when it is due."""
         if self._interrupted:
-            raise GuestError(GuestOutcome.INTERRUPTED, "interrupted")
-        world, guest = self._world, self._guest
+            raise ExternalError(ExternalOutcome.INTERRUPTED, "interrupted")
+        world, external = self._world, self._external
         readings = self._readings = world.readings()
-        if readings.time_us >= self._pilot_at_us:
-            self._pilot_at_us = readings.time_us + PERIOD_US
+        if readings.time_us >= self._client_at_us:
+            self._client_at_us = readings.time_us + PERIOD_US
             self._speak(readings)
         self._wait(readings.time_us)
-        guest.send(readings)
+        external.send(readings)
         if world.overlaps:
             world.advance()
             if not world.finished:
-                world.readings()  # the next ones, while the guest computes
-        self._rotors = guest.receive() or self._rotors
+                world.readings()  # the next ones, while the autopilot computes
+        self._rotors = external.receive() or self._rotors
         world.answer(readings.time_us, self._rotors)
         if not world.overlaps:
             world.advance()
 
     def _speak(self, readings: Readings) -> None:
-        pilot = self._pilot
-        if self._scenario.free and pilot.is_armed and pilot.is_in_mode:
+        client = self._client
+        if self._scenario.free and client.is_armed and client.is_in_mode:
             self._thrust = self._height.thrust(readings)
-        low, high = self._guest.dialect.thrust_range
+        low, high = self._external.dialect.thrust_range
         thrust = min(max((self._thrust - low) / (high - low), 0.0), 1.0)
-        before, pilot.target = pilot.target, AttitudeTarget(0, self._reference, None, thrust)
+        before, client.target = client.target, AttitudeTarget(0, self._reference, None, thrust)
         flying = self._world.flying
-        pilot.wants_echo = flying and pilot.target != before and self._guest.arrival_s > 0.0
+        client.wants_echo = flying and client.target != before and self._external.arrival_s > 0.0
         self._exchange(readings.time_us, not flying)
         if flying:
-            for each in pilot.take_estimates():
+            for each in client.take_estimates():
                 if each.time_us >= self._world.started_us:
                     self._estimate(each._replace(time_us=each.time_us - self._world.started_us))
 
     def _check(self, *, calm: bool = False) -> None:
-        """Name the end of a flight that the guest no longer flies."""
-        pilot, (w, x, y, z) = self._pilot, self._readings.q_NB
-        if not (pilot.is_armed and self._guest.is_armed):
-            raise GuestError(GuestOutcome.DISARMED, quote_last_texts(pilot))
-        if not pilot.is_in_mode:
-            left = f"left {self._guest.dialect.mode_name} for mode {pilot.custom_mode}"
-            raise GuestError(GuestOutcome.LEFT_MODE, f"{left}; {quote_last_texts(pilot)}")
+        """Name the end of a flight that the autopilot no longer flies."""
+        client, (w, x, y, z) = self._client, self._readings.q_NB
+        if not (client.is_armed and self._external.is_armed):
+            raise ExternalError(ExternalOutcome.DISARMED, quote_last_texts(client))
+        if not client.is_in_mode:
+            left = f"left {self._external.dialect.mode_name} for mode {client.custom_mode}"
+            raise ExternalError(ExternalOutcome.LEFT_MODE, f"{left}; {quote_last_texts(client)}")
         if calm and w * w - x * x - y * y + z * z < _OVERTURNED:
-            raise GuestError(
-                GuestOutcome.WRONG_GEOMETRY, "overturned in calm air: do its rotors stand as in the vehicle file?"
+            raise ExternalError(
+                ExternalOutcome.WRONG_GEOMETRY, "overturned in calm air: do its rotors stand as in the vehicle file?"
             )
 
 

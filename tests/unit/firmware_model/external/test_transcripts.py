@@ -1,6 +1,6 @@
 """Sessions with the real PX4 and ArduPilot, recorded once and flown again without them.
 
-A transcript holds what the autopilot sent, exchange by exchange. Our world and pilot meet these bytes again, and must
+A transcript holds what the autopilot sent, exchange by exchange. Our world and client meet these bytes again, and must
 send what they sent then, to the bit. With GUSTPROOF_PX4 or GUSTPROOF_ARDUPILOT, a build, a new session is recorded,
 flown again, and left in the test's folder. What changes our side of the talk needs that file in `transcripts`.
 
@@ -21,14 +21,14 @@ import pytest
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.guest import ardupilot_process
-from firmware_model.guest.__main__ import _exchanger, make_guest
-from firmware_model.guest.flight import GuestFlight
-from firmware_model.guest.guest import GuestOptions
-from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.px4_process import Px4
-from firmware_model.guest.readings import Readings
-from firmware_model.guest.world import World
+from firmware_model.external import ardupilot_process
+from firmware_model.external.__main__ import _exchanger, make_external
+from firmware_model.external.client import ExternalClient
+from firmware_model.external.flight import ExternalFlight
+from firmware_model.external.interface import ExternalOptions
+from firmware_model.external.px4_process import Px4
+from firmware_model.external.readings import Readings
+from firmware_model.external.world import World
 from firmware_model.mavlink.frames import Address
 from firmware_model.process import udp
 
@@ -56,9 +56,9 @@ def short_gust(autopilot: str, folder: Path) -> Scenario:
     return load_scenario(str(path))
 
 
-def options(autopilot: str, build: str | Path, folder: Path) -> GuestOptions:
+def options(autopilot: str, build: str | Path, folder: Path) -> ExternalOptions:
     files = {"folder": folder / "run", "scenario": "short.toml", "vehicle": "paper", "journal": folder / "flight"}
-    return GuestOptions(autopilot=autopilot, build=Path(build), params=Path("tuned"), **files)
+    return ExternalOptions(autopilot=autopilot, build=Path(build), params=Path("tuned"), **files)
 
 
 class Session:
@@ -76,20 +76,20 @@ class Session:
 
 
 class Link:
-    """The pilot's end of the MAVLink link: counts turns, digests what it sends, hands on what it gets."""
+    """The client's end of the MAVLink link: counts turns, digests what it sends, hands on what it gets."""
 
-    def __init__(self, pilot: Pilot, session: Session) -> None:
-        self._pilot, self._session = pilot, session
+    def __init__(self, client: ExternalClient, session: Session) -> None:
+        self._client, self._session = client, session
 
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
-        frames = [frame for frame in split(datagram) if int.from_bytes(frame[7:10], "little") in self._pilot._handlers]
+        frames = [frame for frame in split(datagram) if int.from_bytes(frame[7:10], "little") in self._client._handlers]
         if frames:
             self._session.mavlink[str(self._session.turn)].append(b"".join(frames).hex())
-            self._pilot.receive(b"".join(frames), address, now_us)
+            self._client.receive(b"".join(frames), address, now_us)
 
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         self._session.turn += 1
-        sent = self._pilot.poll(now_us)
+        sent = self._client.poll(now_us)
         for datagram, _ in sent:
             self._session.commands.update(datagram)
         return sent
@@ -106,14 +106,14 @@ def split(datagram: bytes) -> list[bytes]:
 
 
 class Tape:
-    """A guest's link to the simulator as its parts: bytes to it, bytes from it."""
+    """An external autopilot's link to the simulator as its parts: bytes to it, bytes from it."""
 
-    def __init__(self, guest: Any) -> None:
-        self.guest = guest
-        if isinstance(guest, Px4):
-            self._writer, self._reader, self._names = guest._link, guest._link, ("pack", "feed")
+    def __init__(self, external: Any) -> None:
+        self.external = external
+        if isinstance(external, Px4):
+            self._writer, self._reader, self._names = external._link, external._link, ("pack", "feed")
         else:
-            self._writer, self._reader, self._names = ardupilot_process, guest._reader, ("encode_answer", "read")
+            self._writer, self._reader, self._names = ardupilot_process, external._reader, ("encode_answer", "read")
         self.encode, self.decode = getattr(self._writer, self._names[0]), getattr(self._reader, self._names[1])
 
     def divert(self, patch: pytest.MonkeyPatch, encode: Callable[..., Any], decode: Callable[..., Any]) -> None:
@@ -122,14 +122,14 @@ class Tape:
 
 
 class Taped:
-    """A real guest whose link to the simulator is taped."""
+    """A real autopilot whose link to the simulator is taped."""
 
     def __init__(self, tape: Tape, session: Session, patch: pytest.MonkeyPatch) -> None:
         self._tape, self._session = tape, session
         tape.divert(patch, self._encode, self._decode)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._tape.guest, name)
+        return getattr(self._tape.external, name)
 
     def _encode(self, readings: Readings) -> bytes:
         sent: bytes = self._tape.encode(readings)
@@ -142,23 +142,23 @@ class Taped:
 
     def receive(self) -> tuple[float, ...] | None:
         self._session.exchanges.append([])
-        rotors: tuple[float, ...] | None = self._tape.guest.receive()
+        rotors: tuple[float, ...] | None = self._tape.external.receive()
         self._session.answered.append(rotors is not None)
         return rotors
 
 
 class Replayed:
-    """A guest that is a transcript."""
+    """An autopilot that is a transcript."""
 
     def __init__(self, tape: Tape, session: Session, told: dict[str, Any]) -> None:
         self._tape, self._session = tape, session
         self._exchanges, self._answered = iter(told["exchanges"]), iter(told["answered"])
-        tape.guest.instance = told["instance"]
+        tape.external.instance = told["instance"]
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._tape.guest, name)
+        return getattr(self._tape.external, name)
 
-    def start(self, pilot_port: int) -> None:
+    def start(self, client_port: int) -> None:
         self._decode()
 
     def send(self, readings: Readings) -> None:
@@ -168,59 +168,63 @@ class Replayed:
         frames = self._decode()
         if not next(self._answered):
             return None
-        guest = self._tape.guest
-        rotors: tuple[float, ...] = guest._link.answer.controls[:4] if isinstance(guest, Px4) else frames[-1].rotors
+        external = self._tape.external
+        rotors: tuple[float, ...] = (
+            external._link.answer.controls[:4] if isinstance(external, Px4) else frames[-1].rotors
+        )
         return rotors
 
     def _decode(self) -> list[Any]:
         return [self._tape.decode(bytes.fromhex(chunk)) for chunk in next(self._exchanges)]
 
 
-def fly(guest: Any, pilot: Pilot, scenario: Scenario, exchange: Callable[[int, bool], None], port: int) -> None:
+def fly(
+    external: Any, client: ExternalClient, scenario: Scenario, exchange: Callable[[int, bool], None], port: int
+) -> None:
     vehicle = load_vehicle("paper")
-    flight = GuestFlight(
-        guest, pilot, World(vehicle, scenario, 1, lambda _: None), vehicle, scenario, exchange=exchange
+    flight = ExternalFlight(
+        external, client, World(vehicle, scenario, 1, lambda _: None), vehicle, scenario, exchange=exchange
     )
-    guest.start(port)
-    pilot.meet(guest.system, guest.pilot_port)
+    external.start(port)
+    client.meet(external.system, external.client_port)
     flight.prepare()
     flight.fly()
 
 
-def replay(told: dict[str, Any], folder: Path) -> tuple[Pilot, list[str]]:
-    """Fly against a transcript; return the pilot, and the digests of what was sent."""
+def replay(told: dict[str, Any], folder: Path) -> tuple[ExternalClient, list[str]]:
+    """Fly against a transcript; return the client, and the digests of what was sent."""
     scenario, session = short_gust(told["autopilot"], folder), Session()
-    guest = make_guest(
+    external = make_external(
         options(told["autopilot"], STAND_INS[told["autopilot"]], folder), scenario, load_vehicle("paper")
     )
-    pilot = guest.make_pilot()
-    link = Link(pilot, session)
+    client = external.make_client()
+    link = Link(client, session)
 
     def exchange(now_us: int, waits: bool) -> None:
         for datagram in told["mavlink"].get(str(session.turn), ()):
-            pilot.receive(bytes.fromhex(datagram), PEER, now_us)
+            client.receive(bytes.fromhex(datagram), PEER, now_us)
         link.poll(now_us)
 
-    fly(Replayed(Tape(guest), session, told), pilot, scenario, exchange, 0)
-    return pilot, session.digests()
+    fly(Replayed(Tape(external), session, told), client, scenario, exchange, 0)
+    return client, session.digests()
 
 
 def record(autopilot: str, folder: Path, patch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Fly the real autopilot, and return its transcript."""
     scenario, session = short_gust(autopilot, folder), Session()
-    guest = make_guest(options(autopilot, BUILDS[autopilot], folder), scenario, load_vehicle("paper"))
-    pilot = guest.make_pilot()
+    external = make_external(options(autopilot, BUILDS[autopilot], folder), scenario, load_vehicle("paper"))
+    client = external.make_client()
     with udp.bind(0) as bound:
-        exchange = _exchanger(Link(pilot, session), bound, guest.arrival_s, pilot)
+        exchange = _exchanger(Link(client, session), bound, external.arrival_s, client)
         try:
-            fly(Taped(Tape(guest), session, patch), pilot, scenario, exchange, bound.getsockname()[1])
+            fly(Taped(Tape(external), session, patch), client, scenario, exchange, bound.getsockname()[1])
         finally:
-            guest.close()
+            external.close()
     return {
         "autopilot": autopilot,
-        "version": pilot.version,
-        "instance": guest.system - 1,
-        "texts": list(pilot.texts),
+        "version": client.version,
+        "instance": external.system - 1,
+        "texts": list(client.texts),
         "digests": session.digests(),
         "answered": session.answered,
         "exchanges": session.exchanges,
@@ -236,13 +240,13 @@ def load(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("autopilot", STAND_INS)
 def test_session_is_flown_again_to_the_bit(autopilot: str, tmp_path: Path) -> None:
     told = load(HERE / "transcripts" / f"{autopilot}.json.xz")
-    pilot, digests = replay(told, tmp_path)
+    client, digests = replay(told, tmp_path)
     assert digests == told["digests"]
-    assert (pilot.version, list(pilot.texts)) == (told["version"], told["texts"])
-    assert pilot.reader.finished
-    assert pilot.reader.describe_faults() == ""
-    assert pilot.reader.unknown == []
-    assert pilot.is_armed
+    assert (client.version, list(client.texts)) == (told["version"], told["texts"])
+    assert client.reader.finished
+    assert client.reader.describe_faults() == ""
+    assert client.reader.unknown == []
+    assert client.is_armed
 
 
 @pytest.mark.parametrize("autopilot", [pytest.param(name, marks=pytest.mark.skipif(

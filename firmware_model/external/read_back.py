@@ -1,4 +1,4 @@
-"""Parameters of a guest, read back before it flies: a file that was never read, or a name that it ignored, is found."""
+"""Parameters of an autopilot, read back before it flies: finds a file never read, or a name that it ignored."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -6,16 +6,16 @@ from collections.abc import Collection, Mapping
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.messages import is_whole_parameter, parse_parameter
 
-_AT_ONCE = 10  # asked for at once; a guest queues few
+_AT_ONCE = 10  # asked for at once; an autopilot queues few
 _ASKS = 3  # requests without an answer until a parameter is unknown
-_FLOAT32 = 1e-6  # relative; a guest keeps single precision
+_FLOAT32 = 1e-6  # relative; an autopilot keeps single precision
 
 
 class ParameterReader:
-    """Reads parameters of one guest: send requests for `next_names`, `take` the answers until `finished`.
+    """Reads parameters of one autopilot: send requests for `next_names`, `take` the answers until `finished`.
 
     `values` were set, and are compared. Of these `vital` ones must be there; `optional` ones are of some versions
-    alone. The `watched` are told as the guest has them. With `bytewise` whole numbers come as bits of the float field.
+    alone. The `watched` are reported as read. With `bytewise` whole numbers come as bits of the float field.
     """
 
     def __init__(
@@ -41,12 +41,12 @@ class ParameterReader:
 
     @property
     def unknown(self) -> list[str]:
-        """Names that were set and that the guest did not answer for, but for the optional ones."""
+        """Names that were set and that the autopilot did not answer for, but for the optional ones."""
         return [name for name in self._absent if name in self._values and name not in self._optional]
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Values that the guest keeps as whole numbers, where a fraction was set."""
+        """Values that the autopilot keeps as whole numbers, where a fraction was set."""
         return {name: told for name, told in self._differing().items() if self._is_cut(name, told)}
 
     def next_names(self) -> list[str]:

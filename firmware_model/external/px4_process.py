@@ -19,19 +19,19 @@ from firmware_model.config.parameter_files import read_parameters, write_paramet
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.dialect import Dialect
-from firmware_model.guest.guest import (
-    GuestError,
-    GuestOptions,
-    GuestOutcome,
+from firmware_model.external.client import ExternalClient
+from firmware_model.external.dialect import Dialect
+from firmware_model.external.interface import (
+    ExternalError,
+    ExternalOptions,
+    ExternalOutcome,
     candidate_places,
     check_law_inside,
     check_rate,
 )
-from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.px4 import SimulatorLink
-from firmware_model.guest.read_back import ParameterReader
-from firmware_model.guest.readings import Readings
+from firmware_model.external.px4 import SimulatorLink
+from firmware_model.external.read_back import ParameterReader
+from firmware_model.external.readings import Readings
 from firmware_model.process.child import ChildProcess
 
 _OFFBOARD = 6  # main mode
@@ -82,7 +82,7 @@ _WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYR
 """Loops' parameters that are told as the build has them: their defaults differ from version to version."""
 
 
-def make_px4(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":
+def make_px4(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":
     """Return PX4 for a flight, not started.
 
     Raises
@@ -130,7 +130,7 @@ def reserve_instance(wanted: int | None = None) -> tuple[socket.socket, int]:
 
     Raises
     ------
-    GuestError
+    ExternalError
         If there is none.
     """
     for instance in range(_INSTANCES) if wanted is None else [wanted]:
@@ -142,7 +142,7 @@ def reserve_instance(wanted: int | None = None) -> tuple[socket.socket, int]:
         server.close()
     which = f"of instance {wanted}" if wanted is not None else "of all instances, the first's"
     ports = f"TCP {_SIMULATOR + (wanted or 0)}, UDP {_PILOT + (wanted or 0)}"
-    raise GuestError(GuestOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
+    raise ExternalError(ExternalOutcome.PORT_TAKEN, f"another program uses the ports {which}: {ports}")
 
 
 def onboard_port(instance: int) -> int:
@@ -159,7 +159,7 @@ def write_start_files(
 
     Raises
     ------
-    GuestError
+    ExternalError
         If the build has no start script, or one that takes no parameters.
     """
     if links is not None:
@@ -168,13 +168,13 @@ def write_start_files(
     try:
         script = _COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
     except OSError as error:
-        raise GuestError(GuestOutcome.WRONG_BUILD, f"{path}: {error.strerror}") from None
+        raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{path}: {error.strerror}") from None
     if _PARAMETERS_FILE in script:  # it comes last where a script reads both
         write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
         return {}
     if _VARIABLE not in script:
         takes = f"takes parameters neither from {_PARAMETERS_FILE} nor from variables {_VARIABLE}…"
-        raise GuestError(GuestOutcome.WRONG_BUILD, f"{path}: {takes}")
+        raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{path}: {takes}")
     return {f"{_VARIABLE}{name}": value for name, value in parameters.items()}
 
 
@@ -187,7 +187,7 @@ def start_px4(
 
     Raises
     ------
-    GuestError
+    ExternalError
         If it is no program.
     """
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")} | dict(variables)
@@ -198,11 +198,11 @@ def start_px4(
     try:
         return ChildProcess(command, folder, ours)
     except OSError as error:
-        raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+        raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
 
 
 class Px4:
-    """PX4 as a guest; see `Guest`. `start_lines` of its start script follow those of its links.
+    """PX4's process; see `ExternalProcess`. `start_lines` of its start script follow those of its links.
 
     Without a `vital` parameter it is another vehicle's.
     """
@@ -235,7 +235,7 @@ class Px4:
         return self.instance + 1
 
     @property
-    def pilot_port(self) -> int | None:
+    def client_port(self) -> int | None:
         """UDP port of PX4's on-board link."""
         return onboard_port(self.instance)
 
@@ -245,14 +245,14 @@ class Px4:
         answer = self._link.answer
         return answer is not None and answer.is_armed
 
-    def make_pilot(self) -> Pilot:
-        """Return a pilot that speaks its dialect."""
+    def make_client(self) -> ExternalClient:
+        """Return a client that speaks its dialect."""
         watched = [name for name in _WATCHED if name not in self._parameters]
-        return Pilot(
+        return ExternalClient(
             self.dialect, ParameterReader(self._parameters, vital=self.vital, optional=_OF_NEWER, watched=watched)
         )
 
-    def start(self, pilot_port: int) -> None:
+    def start(self, client_port: int) -> None:
         """Start PX4 with its files in its folder, and accept its link to the simulator."""
         self._server, self.instance = reserve_instance(self._wanted)
         self._folder.mkdir(parents=True)
@@ -293,7 +293,7 @@ class Px4:
         if not self._replies:
             self._connected.settimeout(_HUNG_S)
             if not link.answer.is_lockstep:
-                raise GuestError(GuestOutcome.WRONG_BUILD, "it was built without lockstep")
+                raise ExternalError(ExternalOutcome.WRONG_BUILD, "it was built without lockstep")
         self._reply_s += time.monotonic() - self._sent_s
         self._replies += 1
         return link.answer.controls[:4]
@@ -333,10 +333,10 @@ class Px4:
                 self._peer, _ = server.accept()
             except TimeoutError:
                 if self._process is not None and self._process.ending:
-                    raise self._ending(GuestOutcome.WRONG_BUILD) from None
+                    raise self._ending(ExternalOutcome.WRONG_BUILD) from None
                 if time.monotonic() > until_s:
                     said = f"it did not connect to TCP port {_SIMULATOR + self.instance} in {_CONNECT_TIMEOUT_S:g} s"
-                    raise GuestError(GuestOutcome.WRONG_BUILD, said) from None
+                    raise ExternalError(ExternalOutcome.WRONG_BUILD, said) from None
         self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._peer.settimeout(_BOOT_REPLY_S)
         self._begun_s = time.monotonic()
@@ -346,23 +346,25 @@ class Px4:
         process, until_s = self._process, self._begun_s + _BOOT_TIMEOUT_S
         while process is None or not process.has_said(BOOTED):
             if process is None or process.ending:
-                raise self._ending(GuestOutcome.WRONG_BUILD)
+                raise self._ending(ExternalOutcome.WRONG_BUILD)
             if time.monotonic() > until_s:
                 said = f"not started after {_BOOT_TIMEOUT_S:g} s: {process.last_words}"
-                raise GuestError(GuestOutcome.WRONG_BUILD, said)
+                raise ExternalError(ExternalOutcome.WRONG_BUILD, said)
             time.sleep(_BOOT_POLL_S)
         time.sleep(_BOOT_REPLY_S)
         self._booted = True
 
-    def _hang(self) -> GuestError:
+    def _hang(self) -> ExternalError:
         if self._process is not None and self._process.ending:
             return self._ending()
-        return GuestError(GuestOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s")
+        return ExternalError(
+            ExternalOutcome.HUNG, f"no answer to the sample at {self._time_us * 1e-6:g} s in {_HUNG_S:g} s"
+        )
 
-    def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
-        lines = _BOOT_WORDS if outcome is GuestOutcome.WRONG_BUILD else 1
+    def _ending(self, outcome: ExternalOutcome = ExternalOutcome.KILLED) -> ExternalError:
+        lines = _BOOT_WORDS if outcome is ExternalOutcome.WRONG_BUILD else 1
         said = self._process.describe_ending("closed its link", lines) if self._process else "is not started"
-        return GuestError(outcome, f"PX4 {said}")
+        return ExternalError(outcome, f"PX4 {said}")
 
 
 def _listen(port: int) -> socket.socket | None:

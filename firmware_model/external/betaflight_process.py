@@ -20,10 +20,10 @@ from firmware_model.config.files import read_text
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest import betaflight
-from firmware_model.guest.betaflight import MOTORS, STATUS, SticksPilot
-from firmware_model.guest.guest import GuestError, GuestOptions, GuestOutcome
-from firmware_model.guest.readings import Readings
+from firmware_model.external import betaflight
+from firmware_model.external.betaflight import MOTORS, STATUS, SticksClient
+from firmware_model.external.interface import ExternalError, ExternalOptions, ExternalOutcome
+from firmware_model.external.readings import Readings
 from firmware_model.process.child import ChildProcess
 
 _HOST = "127.0.0.1"
@@ -64,7 +64,7 @@ _OPERATION = (
 )
 
 
-def make_betaflight(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "Betaflight":
+def make_betaflight(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> "Betaflight":
     """Return Betaflight for a flight, not started, and have it flown at the pace of the clock.
 
     Raises
@@ -150,7 +150,7 @@ def vehicle_commands(vehicle: Vehicle) -> list[str]:
 
 
 class Betaflight:
-    """Betaflight as a guest; see `Guest`."""
+    """Betaflight's process; see `ExternalProcess`."""
 
     name = "Betaflight"
     dialect = betaflight.DIALECT
@@ -166,23 +166,23 @@ class Betaflight:
         self._received = b""
         self._answered_s = self._polled_s = 0.0
         self._answers = 0
-        self.pilot = SticksPilot()
+        self.client = SticksClient()
 
     @property
-    def pilot_port(self) -> int:
+    def client_port(self) -> int:
         """UDP port of the sticks."""
         return PORTS.sticks
 
     @property
     def is_armed(self) -> bool:
-        """True: its motor packets do not say; its status does, to the pilot."""
+        """True: its motor packets do not say; its status does, to the client."""
         return True
 
-    def make_pilot(self) -> SticksPilot:
-        """Return its pilot, which hears its state from here."""
-        return self.pilot
+    def make_client(self) -> SticksClient:
+        """Return its client, which hears its state from here."""
+        return self.client
 
-    def start(self, pilot_port: int) -> None:
+    def start(self, client_port: int) -> None:
         """Start it twice: to set its parameters, which ends it, and to fly."""
         for port in (PORTS.state, PORTS.sticks):
             _bind(port, socket.SOCK_DGRAM).close()
@@ -199,7 +199,7 @@ class Betaflight:
 
     def send(self, readings: Readings) -> None:
         """Send a sample, and take what its serial port has told."""
-        self.pilot.observe(readings.q_NB)
+        self.client.observe(readings.q_NB)
         with contextlib.suppress(OSError):  # an ICMP error tells of an earlier packet
             self._states.sendto(betaflight.pack_state(readings), (_HOST, PORTS.state))
         self._hear()
@@ -216,9 +216,9 @@ class Betaflight:
             self._answers += 1
             return tuple(min(max(value, 0.0), 1.0) for value in MOTORS.unpack(newest))
         if self._process is not None and self._process.ending:
-            raise self._ending(GuestOutcome.KILLED)
+            raise self._ending(ExternalOutcome.KILLED)
         if now_s > self._answered_s + _HUNG_S:
-            raise GuestError(GuestOutcome.HUNG, f"no rotor commands in {_HUNG_S:g} s")
+            raise ExternalError(ExternalOutcome.HUNG, f"no rotor commands in {_HUNG_S:g} s")
         return None
 
     def close(self) -> None:
@@ -243,17 +243,17 @@ class Betaflight:
         try:
             self._process = ChildProcess([str(self._binary), _HOST], self._folder, os.environ)
         except OSError as error:
-            raise GuestError(GuestOutcome.WRONG_BUILD, f"{self._binary}: {error.strerror}") from None
+            raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{self._binary}: {error.strerror}") from None
         until_s = time.monotonic() + _BOOT_S
         while True:
             try:
                 return socket.create_connection((_HOST, PORTS.serial), _ANSWER_S)
             except OSError:
                 if self._process.ending:
-                    raise self._ending(GuestOutcome.WRONG_BUILD) from None
+                    raise self._ending(ExternalOutcome.WRONG_BUILD) from None
                 if time.monotonic() > until_s:
                     said = f"no TCP port {PORTS.serial} in {_BOOT_S:g} s"
-                    raise GuestError(GuestOutcome.WRONG_BUILD, said) from None
+                    raise ExternalError(ExternalOutcome.WRONG_BUILD, said) from None
                 time.sleep(0.05)
 
     def _configure(self, serial: socket.socket) -> None:
@@ -261,17 +261,17 @@ class Betaflight:
         with serial:
             try:
                 self._type(serial, "#", end="")
-                self.pilot.version = self._type(serial, "version").splitlines()[1].strip("# \r")
+                self.client.version = self._type(serial, "version").splitlines()[1].strip("# \r")
                 for command in self._commands:
                     if "###ERROR" in (said := self._type(serial, command)):
                         error = said.partition("###ERROR")[2].partition("###")[0]
-                        raise GuestError(GuestOutcome.WRONG_BUILD, f"'{command}': ERROR{error}")
+                        raise ExternalError(ExternalOutcome.WRONG_BUILD, f"'{command}': ERROR{error}")
                 serial.sendall(b"save\n")
                 while serial.recv(_RECEIVE):
                     pass
             except (OSError, IndexError):
                 said = "its serial port has no command line of Betaflight"
-                raise GuestError(GuestOutcome.WRONG_BUILD, said) from None
+                raise ExternalError(ExternalOutcome.WRONG_BUILD, said) from None
         if self._process is not None:
             self._process.wait_for_ending()
             self._process.close()
@@ -288,7 +288,7 @@ class Betaflight:
         return said.decode(errors="replace")
 
     def _hear(self) -> None:
-        """Pass its status on to the pilot, and ask for the next one."""
+        """Pass its status on to the client, and ask for the next one."""
         now_s, serial = time.monotonic(), self._serial
         if serial is None or now_s < self._polled_s + _POLL_S:
             return
@@ -302,13 +302,13 @@ class Betaflight:
             used = end
             if command == STATUS:
                 with contextlib.suppress(struct.error, IndexError):
-                    self.pilot.hear(betaflight.parse_status(data))
+                    self.client.hear(betaflight.parse_status(data))
         self._received = self._received[used:]
 
-    def _ending(self, outcome: GuestOutcome) -> GuestError:
+    def _ending(self, outcome: ExternalOutcome) -> ExternalError:
         process = self._process
         said = f"{process.wait_for_ending()}: {process.last_words}" if process else "not started"
-        return GuestError(outcome, f"Betaflight {said}")
+        return ExternalError(outcome, f"Betaflight {said}")
 
 
 def _bind(port: int, kind: socket.SocketKind) -> socket.socket:
@@ -321,5 +321,5 @@ def _bind(port: int, kind: socket.SocketKind) -> socket.socket:
     except OSError:
         bound.close()
         text = f"another program uses {'TCP' if kind == socket.SOCK_STREAM else 'UDP'} port {port}"
-        raise GuestError(GuestOutcome.PORT_TAKEN, text) from None
+        raise ExternalError(ExternalOutcome.PORT_TAKEN, text) from None
     return bound

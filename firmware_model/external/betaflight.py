@@ -1,4 +1,4 @@
-"""Betaflight's simulator protocol without I/O: readings to its packet, its packet to rotor commands, and the pilot.
+"""Betaflight's simulator protocol without I/O: readings to its packet, its packet to rotor commands, and the client.
 
     UDP 9003   to it    18 doubles: time, rates, acceleration, attitude, velocity, place, pressure
     UDP 9004   to it    a double and 16 sticks of 1000..2000 us
@@ -17,9 +17,9 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from firmware_model.guest.dialect import Dialect
-from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.readings import Readings
+from firmware_model.external.client import ExternalClient
+from firmware_model.external.dialect import Dialect
+from firmware_model.external.readings import Readings
 from firmware_model.mavlink.frames import Address
 from firmware_model.mavlink.services.geodesy import to_geodetic
 from firmware_model.numerics.rotations import to_euler
@@ -110,10 +110,10 @@ def parse_status(data: bytes) -> ArmingStatus:
     return ArmingStatus(bool(boxes & 1), bool(boxes >> ANGLE_BOX & 1), refusals)
 
 
-class SticksPilot(Pilot):
-    """Pilot that flies by sticks in ANGLE mode; `observe` tells it the true attitude, `hear` the autopilot's state.
+class SticksClient(ExternalClient):
+    """Client that flies by sticks in ANGLE mode; `observe` tells it the true attitude, `hear` the autopilot's state.
 
-    Betaflight takes roll and pitch as angles and yaw as a rate, so this pilot holds the heading.
+    Betaflight takes roll and pitch as angles and yaw as a rate, so this client holds the heading.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class SticksPilot(Pilot):
         self._refusals: tuple[str, ...] | None = None
 
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
-        """Ignore a datagram: Betaflight sends its pilot none."""
+        """Ignore a datagram: Betaflight sends its client none."""
 
     def observe(self, q_NB: Quaternion) -> None:
         """Take the true attitude."""

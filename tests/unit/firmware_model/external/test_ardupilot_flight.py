@@ -19,12 +19,12 @@ from firmware_model.config.parameter_files import read_parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest import ardupilot_process
-from firmware_model.guest.__main__ import main
-from firmware_model.guest.ardupilot import encode_answer
-from firmware_model.guest.guest import GuestOptions
-from firmware_model.guest.readings import Readings
-from firmware_model.guest.world import World
+from firmware_model.external import ardupilot_process
+from firmware_model.external.__main__ import main
+from firmware_model.external.ardupilot import encode_answer
+from firmware_model.external.interface import ExternalOptions
+from firmware_model.external.readings import Readings
+from firmware_model.external.world import World
 from firmware_model.recording.estimates import read_estimates
 from firmware_model.recording.journal import read_journal
 
@@ -237,15 +237,15 @@ def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.parm"
     given.write_text("# mine\nATC_ANG_RLL_P,7.5\nMOT_SPIN_MIN 0.05\nMOT_SPIN_MAX 1.0\n")
     files = {"folder": tmp_path / "run", "scenario": "calm", "vehicle": "paper", "journal": tmp_path / "flight"}
-    options = GuestOptions(autopilot="ardupilot", **files, params=given, build=PEER)
-    guest = ardupilot_process.make_ardupilot(
+    options = ExternalOptions(autopilot="ardupilot", **files, params=given, build=PEER)
+    external = ardupilot_process.make_ardupilot(
         options, replace(load_scenario("calm"), control_rate_hz=400, physics_rate_hz=1200), load_vehicle("paper")
     )
-    parameters = guest.facts()["parameters"]
+    parameters = external.facts()["parameters"]
     assert (parameters["ATC_ANG_RLL_P"], parameters["FRAME_TYPE"]) == ("7.5", "1")
     # It hovers at half the largest thrust; throttle 0 is .05 of it and throttle 1 all of it.
     assert float(parameters["MOT_THST_HOVER"]) == pytest.approx(0.45 / 0.95, rel=1e-6)
-    assert guest.dialect.thrust_range == (0.05, 1.0)
+    assert external.dialect.thrust_range == (0.05, 1.0)
 
 
 @pytest.mark.parametrize(("low", "high"), [("0.9", "0.2"), ("-0.1", "0.9"), ("0.1", "1.1")])

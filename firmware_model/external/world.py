@@ -1,9 +1,9 @@
-"""The simulated world of a guest autopilot: before its flight, and in it.
+"""The simulated world of an external autopilot: before its flight, and in it.
 
     prepare: calm air, on the ground or clamped  --release-->  calm air, held in place  --begin-->  the scenario
 
-Its clock never stops or jumps between these, as the guest's estimator would not survive that. One sample of the
-scenario is one exchange with the guest. An answer acts the scenario's `delay_samples` after its sample.
+Its clock never stops or jumps between these, as the autopilot's estimator would not survive that. One sample of the
+scenario is one exchange with the autopilot. An answer acts the scenario's `delay_samples` after its sample.
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.guest.readings import Readings, read_sensors
+from firmware_model.external.readings import Readings, read_sensors
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import RotorCommand
 
@@ -28,7 +28,7 @@ _ROTORS_OFF = (0.0, 0.0, 0.0, 0.0)
 class World:
     """A vehicle and its air: for each sample `readings`, `answer` and `advance`, until `finished`.
 
-    With `overlaps`, `advance` comes before `answer`: the step takes an earlier answer, and the guest works meanwhile.
+    With `overlaps`, `advance` comes before `answer`: the step takes an earlier answer while the autopilot works.
     `record` gets the journal record of each sample of the scenario; the time before `begin` leaves none.
     """
 

@@ -9,8 +9,8 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot import FrameKind, FrameReader, ServoFrame, encode_answer, map_outputs
-from firmware_model.guest.readings import Readings
+from firmware_model.external.ardupilot import FrameKind, FrameReader, ServoFrame, encode_answer, map_outputs
+from firmware_model.external.readings import Readings
 
 READINGS = Readings(
     time_us=2_500,

@@ -1,11 +1,11 @@
-"""Parameters of a guest, read back: who is asked how often, and what counts as wrong."""
+"""Parameters of an external autopilot, read back: who is asked how often, and what counts as wrong."""
 
 import struct
 
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.guest.read_back import ParameterReader
+from firmware_model.external.read_back import ParameterReader
 from firmware_model.mavlink.frames import Message
 
 REAL, WHOLE = wire.MAV_PARAM_TYPE_REAL32, wire.MAV_PARAM_TYPE_INT32
@@ -25,7 +25,7 @@ def bits(number: int) -> float:
 
 
 def read(reader: ParameterReader, *answers: Message) -> str:
-    """Have a guest answer at once, and for the rest never; return what is wrong."""
+    """Have an autopilot answer at once, and for the rest never; return what is wrong."""
     for _ in range(40):
         reader.next_names()
         for answer in answers:
@@ -51,12 +51,12 @@ def test_several_wrong_ones_are_counted():
     assert said == "it has B 0 where 2 was set, and 1 more like it"
 
 
-def test_guest_that_answers_for_nothing_is_refused():
+def test_autopilot_that_answers_for_nothing_is_refused():
     reader = ParameterReader({"A": "1", "B": "2"}, watched=["C"])
     assert read(reader, value("C", 1.0)) == "it answers for none of the 2 parameters that were set"
 
 
-def test_guest_without_parameters_to_read_is_ready_at_once():
+def test_autopilot_without_parameters_to_read_is_ready_at_once():
     reader = ParameterReader()
     assert (reader.finished, reader.next_names(), reader.describe_faults()) == (True, [], "")
 

@@ -14,31 +14,31 @@ from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import read_bag, read_estimate_topics
 from gustproof.flight.routes.external import (
-    ForeignAutopilot,
-    GuestPlan,
-    check_guest,
+    ExternalAutopilot,
+    ExternalPlan,
+    check_external,
     describe_rate,
-    fly_guest,
-    parse_guest_plan,
+    fly_external,
+    parse_external_plan,
 )
 from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.recorder import fly_guest_and_record, recover
+from gustproof.flight.routes.recorder import fly_external_and_record, recover
 from gustproof.flight.scoring.own_view import compare_estimates
 from gustproof.law.form import load_law
 from gustproof.show.report.html.page import render_page
 from gustproof.show.report.html.runs import read_runs
 from gustproof.studies.campaign.comparison import compare
 
-PEER = Path(__file__).parents[2] / "firmware_model" / "guest" / "px4_build"
+PEER = Path(__file__).parents[2] / "firmware_model" / "external" / "px4_build"
 SCENARIO = replace(load_scenario("paper-turbulence"), duration_s=2.0)
-AUTOPILOT = ForeignAutopilot(kind="px4", build=str(PEER), parameters="tuned")
-PLAN = GuestPlan(SCENARIO, AUTOPILOT, load_vehicle("paper"), 3, real_time=False)
+AUTOPILOT = ExternalAutopilot(kind="px4", build=str(PEER), parameters="tuned")
+PLAN = ExternalPlan(SCENARIO, AUTOPILOT, load_vehicle("paper"), 3, real_time=False)
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return fly_guest_and_record(PLAN, tmp_path_factory.mktemp("flight"), tlog=True)
+    return fly_external_and_record(PLAN, tmp_path_factory.mktemp("flight"), tlog=True)
 
 
 def test_flight_leaves_its_bag_with_plan_and_facts(flight: Flight) -> None:
@@ -52,7 +52,7 @@ def test_flight_leaves_its_bag_with_plan_and_facts(flight: Flight) -> None:
     assert about["law"] is None
     assert about["autopilot"]["flown"]["version"] == "1.16.0 (cdef01)"
     assert about["autopilot"]["flown"]["parameters"]["MC_ROLLRATE_P"] == "0.2"
-    assert parse_guest_plan(about, flight.bag) == PLAN
+    assert parse_external_plan(about, flight.bag) == PLAN
     kept = flight.bag.with_suffix(".autopilot") / "px4-rc.params"
     assert "param set CA_ROTOR0_PX 0.22" in kept.read_text().splitlines()
     assert flight.bag.with_suffix(".tlog").exists()
@@ -92,7 +92,7 @@ def test_comparison_puts_law_and_autopilot_side_by_side() -> None:
 def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PEER_FAULT", "no lockstep")
     bags: list[bool] = []
-    flight = fly_guest_and_record(PLAN, tmp_path, on_flown=lambda: bags.append(any(tmp_path.glob("**/*.mcap"))))
+    flight = fly_external_and_record(PLAN, tmp_path, on_flown=lambda: bags.append(any(tmp_path.glob("**/*.mcap"))))
     assert bags == [False]
     assert flight.outcome is FlightOutcome.WRONG_BUILD
     assert "without lockstep" in flight.message
@@ -105,13 +105,13 @@ def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pyte
 
 def test_comparison_that_is_interrupted_ends_as_such(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted = replace(flight, outcome=FlightOutcome.INTERRUPTED)
-    monkeypatch.setattr("gustproof.studies.campaign.comparison.fly_guest", lambda *_, **__: interrupted)
+    monkeypatch.setattr("gustproof.studies.campaign.comparison.fly_external", lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         compare(SCENARIO, PLAN.vehicle, [AUTOPILOT], [1])
 
 
 def test_cut_off_flight_is_recovered_with_its_attitude(tmp_path: Path) -> None:
-    flown = fly_guest(PLAN, tmp_path)
+    flown = fly_external(PLAN, tmp_path)
     (recovered,) = recover(tmp_path)
     assert recovered.pilot_name == "px4-tuned"
     assert recovered.records.tobytes() == flown.records.tobytes()
@@ -128,7 +128,7 @@ def test_scenario_that_only_our_autopilot_flies_is_refused(name: str, free: bool
     if free:
         script = replace(script, translation="free", initial_attitude_deg=(10.0, 0.0, 0.0))
     with pytest.raises(ConfigError, match=why):
-        check_guest(script, "px4")
+        check_external(script, "px4")
 
 
 @pytest.mark.parametrize(("kind", "rate_hz", "refused"), [
@@ -138,7 +138,7 @@ def test_scenario_that_only_our_autopilot_flies_is_refused(name: str, free: bool
 def test_scenario_that_asks_for_another_rate_is_refused(kind: str, rate_hz: int, refused: bool) -> None:
     script = replace(load_scenario("calm"), control_rate_hz=rate_hz, physics_rate_hz=2000)
     with pytest.raises(ConfigError, match=f"asks for {rate_hz} samples") if refused else nullcontext():
-        check_guest(script, kind)
+        check_external(script, kind)
 
 
 def test_default_rate_is_no_request_but_the_autopilots_own_is_told() -> None:
@@ -150,12 +150,12 @@ def test_default_rate_is_no_request_but_the_autopilots_own_is_told() -> None:
 def test_build_that_is_not_there_is_bad_input(tmp_path: Path) -> None:
     plan = PLAN._replace(autopilot=replace(AUTOPILOT, build=str(tmp_path)))
     with pytest.raises(ConfigError, match="no PX4 built for simulation"):
-        fly_guest(plan, tmp_path / "out")
+        fly_external(plan, tmp_path / "out")
 
 
 def test_unknown_autopilot_is_bad_input() -> None:
     with pytest.raises(ConfigError, match="'inav' is none of px4, ardupilot"):
-        ForeignAutopilot(kind="inav")
+        ExternalAutopilot(kind="inav")
 
 
 def test_errors_are_those_of_turned_attitudes(flight: Flight) -> None:

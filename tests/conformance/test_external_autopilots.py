@@ -24,7 +24,7 @@ REALS = {"MPC_THR_HOVER": 0.5, "MOT_THST_HOVER": 0.4, "GUID_TIMEOUT": 3.0}
 SETPOINTS = {"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET"}
 
 
-class Foreign:
+class Scripted:
     """Scripted autopilot with a fixed mode, its own parameters, and any stream of samples."""
 
     def __init__(self, link: socket.socket, *, kind: int = wire.MAV_AUTOPILOT_PX4, mode: int = HOLD, hz: int = 250,
@@ -159,7 +159,7 @@ def end(running: subprocess.Popen[str]) -> dict:
 
 
 def test_ardupilot_in_guided_is_flown_in_the_air_and_sees_no_set_point_before(link):
-    autopilot = Foreign(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=TAKEOFF, hz=50)
+    autopilot = Scripted(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=TAKEOFF, hz=50)
     with controller(link.getsockname()[1]) as running:
         until = []
 
@@ -189,7 +189,7 @@ def test_ardupilot_is_met_over_tcp_again_after_a_lost_connection():
         with controller(0, "--connect", connect) as running:
             server.accept()[0].close()
             with closing(server.accept()[0]) as link:
-                autopilot = Foreign(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=IN_AIR)
+                autopilot = Scripted(link, kind=wire.MAV_AUTOPILOT_ARDUPILOTMEGA, mode=GUIDED, landed=IN_AIR)
                 autopilot.peer = link.getpeername()
                 autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
                 running.send_signal(signal.SIGINT)
@@ -207,7 +207,7 @@ def test_udpin_meets_who_sends_an_autopilots_heartbeat(link):
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
     with controller(0, "--connect", f"udpin:127.0.0.1:{port}") as running:
-        autopilot = Foreign(link, landed=IN_AIR)
+        autopilot = Scripted(link, landed=IN_AIR)
         autopilot.peer = ("127.0.0.1", port)
         link.sendto(b"not MAVLink", autopilot.peer)
         autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
@@ -219,7 +219,7 @@ def test_udpin_meets_who_sends_an_autopilots_heartbeat(link):
 
 
 def test_px4_at_50_hz_is_asked_for_the_rate_of_the_law(link):
-    autopilot = Foreign(link, hz=50)
+    autopilot = Scripted(link, hz=50)
     with controller(link.getsockname()[1], "--json") as running:
         autopilot.serve(lambda: bool(SETPOINTS & set(autopilot.names())))
         running.send_signal(signal.SIGINT)
@@ -228,7 +228,7 @@ def test_px4_at_50_hz_is_asked_for_the_rate_of_the_law(link):
 
 
 def test_px4_that_declines_the_rate_is_refused_by_name(link):
-    autopilot = Foreign(link, hz=50, grants=False)
+    autopilot = Scripted(link, hz=50, grants=False)
     with controller(link.getsockname()[1], "--json") as running:
         autopilot.serve(lambda: running.poll() is not None)
         told = end(running)
@@ -241,7 +241,7 @@ def test_px4_that_declines_the_rate_is_refused_by_name(link):
 
 def test_px4_that_answers_its_first_peer_alone_is_met_at_the_second_start(px4_ports):
     link, remote = px4_ports
-    autopilot = Foreign(link, faithful=True)
+    autopilot = Scripted(link, faithful=True)
     for _ in range(2):
         autopilot.forget()
         with controller(link.getsockname()[1], "--json") as running:
@@ -253,7 +253,7 @@ def test_px4_that_answers_its_first_peer_alone_is_met_at_the_second_start(px4_po
 
 def test_port_that_another_program_holds_is_told_and_another_one_is_used(px4_ports):
     link, remote = px4_ports
-    autopilot = Foreign(link)
+    autopilot = Scripted(link)
     with closing(socket.socket(type=socket.SOCK_DGRAM)) as holder:
         holder.bind(("127.0.0.1", remote))
         with controller(link.getsockname()[1]) as running:

@@ -1,4 +1,4 @@
-"""Pilot of a guest over MAVLink: arms it, sets its mode, sends attitude set-points, and listens to what it says.
+"""Client of an external autopilot over MAVLink: arms it, sets its mode, sends attitude set-points, and listens.
 
 A protocol core without I/O, on the world's clock: a flight at any speed gives the same set-points at the same samples.
 
@@ -11,8 +11,8 @@ from collections import deque
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.guest.dialect import Dialect
-from firmware_model.guest.read_back import ParameterReader
+from firmware_model.external.dialect import Dialect
+from firmware_model.external.read_back import ParameterReader
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, command_long_message, command_message
@@ -20,7 +20,7 @@ from firmware_model.recording.estimates import Estimate
 from firmware_model.types import AttitudeTarget, Quaternion
 
 PERIOD_US = 20_000
-"""[us] Time between two set-points, and between two estimates of the guest."""
+"""[us] Time between two set-points, and between two estimates of the autopilot."""
 _HEARTBEAT_US = 1_000_000
 _RETRY_US, _READ_US = 500_000, 250_000
 _TEXTS = 40  # latest texts that are kept
@@ -31,13 +31,13 @@ _ARRAY = struct.Struct("<QH10s5f")  # DEBUG_FLOAT_ARRAY: stamp [us], id, name, q
 _FOREIGN_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
-class Pilot:
-    """Pilot of one guest: `meet` it, pass datagrams and the world's time, send what it returns.
+class ExternalClient:
+    """Client of one external autopilot: `meet` it, pass datagrams and the world's time, send what it returns.
 
-    With `wants_echo` a ping follows each set-point; it `awaits_echo` until the guest has answered: so it has read both.
+    With `wants_echo` a ping follows each set-point; it `awaits_echo` until it is answered: the autopilot has read both.
 
     It asks for arming and mode again and again while `wants_flight`, and for the law inside while `wants_law`. Until
-    the guest is armed it reads the parameters that its `reader` wants.
+    the autopilot is armed it reads the parameters that its `reader` wants.
     """
 
     def __init__(self, dialect: Dialect, reader: ParameterReader | None = None) -> None:
@@ -71,11 +71,11 @@ class Pilot:
 
     @property
     def is_in_mode(self) -> bool:
-        """True if the guest's last heartbeat told the mode that follows set-points."""
+        """True if the autopilot's last heartbeat told the mode that follows set-points."""
         return self.custom_mode == self._dialect.custom_mode
 
     def meet(self, system: int, port: int | None) -> None:
-        """Take the guest's MAVLink `system`, and its UDP `port` on this machine; `None` if it speaks first."""
+        """Take the autopilot's MAVLink `system`, and its UDP `port` on this machine; `None` if it speaks first."""
         self._system, self._address = system, None if port is None else (0, ("127.0.0.1", port))
 
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
@@ -198,15 +198,15 @@ class Pilot:
         self._setpoint = (w, x, y, z)
 
 
-def describe_refusals(pilot: Pilot) -> str:
-    """Return a guest's own words on why it does not fly: its latest texts, each once, and refused commands."""
-    words = list(dict.fromkeys(pilot.texts))[-4:]
+def describe_refusals(client: ExternalClient) -> str:
+    """Return an autopilot's own words on why it does not fly: its latest texts, each once, and refused commands."""
+    words = list(dict.fromkeys(client.texts))[-4:]
     results, commands = wire.enums["MAV_RESULT"], wire.enums["MAV_CMD"]
-    for command, result in pilot.refusals.items():
+    for command, result in client.refusals.items():
         words.append(f"{commands[command].name}: {results[result].name}")
     return "; ".join(words) or "it gave no reason"
 
 
-def quote_last_texts(pilot: Pilot) -> str:
-    """Return the last two texts of a guest that no longer flies; they need not be the cause."""
-    return f"it said last: {'; '.join(list(pilot.texts)[-2:]) or 'nothing'}"
+def quote_last_texts(client: ExternalClient) -> str:
+    """Return the last two texts of an autopilot that no longer flies; they need not be the cause."""
+    return f"it said last: {'; '.join(list(client.texts)[-2:]) or 'nothing'}"

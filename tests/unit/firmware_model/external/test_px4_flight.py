@@ -22,12 +22,12 @@ from firmware_model.config.parameter_files import read_parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest import px4_process
-from firmware_model.guest.__main__ import main
-from firmware_model.guest.guest import GuestOptions, check_law_inside
-from firmware_model.guest.px4 import SimulatorLink
-from firmware_model.guest.readings import Readings
-from firmware_model.guest.world import World
+from firmware_model.external import px4_process
+from firmware_model.external.__main__ import main
+from firmware_model.external.interface import ExternalOptions, check_law_inside
+from firmware_model.external.px4 import SimulatorLink
+from firmware_model.external.readings import Readings
+from firmware_model.external.world import World
 from firmware_model.recording.estimates import read_estimates
 from firmware_model.recording.journal import read_journal
 
@@ -261,7 +261,7 @@ def test_build_without_a_law_inside_is_refused(tmp_path: Path) -> None:
         (tmp_path / "build" / folder).mkdir(parents=True)
     (tmp_path / "build" / "bin" / "px4").write_text("")
     (tmp_path / "short.toml").write_text(SCRIPT.format(translation="held"))
-    options = GuestOptions(
+    options = ExternalOptions(
         autopilot="px4", build=tmp_path / "build", law="flagship", folder=tmp_path / "run", vehicle="paper",
         scenario=str(tmp_path / "short.toml"), journal=tmp_path / "flight.journal",
     )  # fmt: skip
@@ -303,9 +303,9 @@ def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.params"
     given.write_text("# Onboard parameters\n1\t1\tMC_ROLL_P\t7.5\t9\n1\t1\tCA_ROTOR0_PX\t0.352\t9\n")
     files = {"folder": tmp_path / "run", "scenario": "calm", "vehicle": "paper", "journal": tmp_path / "flight"}
-    options = GuestOptions(autopilot="px4", **files, params=given, build=PEER)
-    guest = px4_process.make_px4(options, load_scenario("calm"), load_vehicle("paper"))
-    parameters = guest.facts()["parameters"]
+    options = ExternalOptions(autopilot="px4", **files, params=given, build=PEER)
+    external = px4_process.make_px4(options, load_scenario("calm"), load_vehicle("paper"))
+    parameters = external.facts()["parameters"]
     assert (parameters["MC_ROLL_P"], parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_PY"]) == ("7.5", "0.352", "0.22")
     assert float(parameters["EKF2_GYR_NOISE"]) == pytest.approx(0.2 * 10.0 ** (-35.0 / 20.0), rel=1e-3)
 

@@ -1,4 +1,4 @@
-"""Readings of all sensors at a sample, with noise: what a guest autopilot gets of the simulated world."""
+"""Readings of all sensors at a sample, with noise: what an external autopilot gets of the simulated world."""
 
 import math
 from typing import Any, NamedTuple

@@ -19,20 +19,20 @@ from firmware_model.config.parameter_files import read_parameters, write_paramet
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
-from firmware_model.guest.dialect import Dialect
-from firmware_model.guest.guest import (
+from firmware_model.external.ardupilot import FrameKind, FrameReader, encode_answer, map_outputs
+from firmware_model.external.client import ExternalClient
+from firmware_model.external.dialect import Dialect
+from firmware_model.external.interface import (
     SAMPLE_RATES_HZ,
-    GuestError,
-    GuestOptions,
-    GuestOutcome,
+    ExternalError,
+    ExternalOptions,
+    ExternalOutcome,
     candidate_places,
     check_law_inside,
     check_rate,
 )
-from firmware_model.guest.pilot import Pilot
-from firmware_model.guest.read_back import ParameterReader
-from firmware_model.guest.readings import Readings
+from firmware_model.external.read_back import ParameterReader
+from firmware_model.external.readings import Readings
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
 from firmware_model.process.child import ChildProcess
@@ -104,7 +104,7 @@ _LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
 
 
-def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) -> "ArduPilot":
+def make_ardupilot(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> "ArduPilot":
     """Return ArduPilot for a flight, not started.
 
     Raises
@@ -118,12 +118,12 @@ def make_ardupilot(options: GuestOptions, scenario: Scenario, vehicle: Vehicle) 
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
     values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
     program = find_build(options.build)
-    guest = ArduPilot(program, options.folder, values, map_outputs(vehicle))
-    guest.compared |= extra.keys() | (_LAW.keys() if options.law else set())
+    external = ArduPilot(program, options.folder, values, map_outputs(vehicle))
+    external.compared |= extra.keys() | (_LAW.keys() if options.law else set())
     if options.law:
         check_law_inside(program, options.law)
-        guest.dialect = guest.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
-    return guest
+        external.dialect = external.dialect._replace(law_switch=_LAW_SWITCH, law_is_on=_LAW_IS_ON)
+    return external
 
 
 def find_build(given: Path | None) -> Path:
@@ -148,13 +148,13 @@ def find_build(given: Path | None) -> Path:
     )
 
 
-def place_and_links(pilot_port: int) -> list[str]:
-    """Return the options for its home, and for one link alone: to the UDP port of its pilot.
+def place_and_links(client_port: int) -> list[str]:
+    """Return the options for its home, and for one link alone: to the UDP port of its client.
 
     Home is at sea level: above it the commands would grow with thinner air, which the rotors here do not feel.
     """
     latitude, longitude = ORIGIN_DEG
-    links = {"--serial0": f"udpclient:127.0.0.1:{pilot_port}", "--rc-in-port": "0"}
+    links = {"--serial0": f"udpclient:127.0.0.1:{client_port}", "--rc-in-port": "0"}
     links |= {f"--serial{i}": f"none:{i}" for i in (1, 2, 4)}
     return ["--home", f"{latitude},{longitude},0,0", *(word for pair in links.items() for word in pair)]
 
@@ -174,7 +174,7 @@ def thrust_range(parameters: Mapping[str, str]) -> tuple[float, float]:
 
 
 class ArduPilot:
-    """ArduPilot as a guest; see `Guest`. `outputs` holds the number of each rotor's output, from 0.
+    """ArduPilot's process; see `ExternalProcess`. `outputs` holds the number of each rotor's output, from 0.
 
     `compared` are the names of parameters that are read back before take-off.
     """
@@ -184,7 +184,7 @@ class ArduPilot:
     warm_up_s = 0.0  # its own checks ask for a settled estimator
     arrival_s = 0.0  # it reads its link in its loop
     system = 1
-    pilot_port = None
+    client_port = None
     is_armed = True
 
     def __init__(self, program: Path, folder: Path, parameters: Mapping[str, str], outputs: tuple[int, ...]) -> None:
@@ -204,13 +204,13 @@ class ArduPilot:
         self._sent_s = self._received_s = self._reply_s = 0.0
         self._replies = 0
 
-    def make_pilot(self) -> Pilot:
-        """Return a pilot that speaks its dialect."""
+    def make_client(self) -> ExternalClient:
+        """Return a client that speaks its dialect."""
         values = {name: value for name, value in self._parameters.items() if name in self.compared}
         watched = [name for name in _WATCHED if name not in values]
-        return Pilot(self.dialect, ParameterReader(values, vital=_VITAL, watched=watched, bytewise=False))
+        return ExternalClient(self.dialect, ParameterReader(values, vital=_VITAL, watched=watched, bytewise=False))
 
-    def start(self, pilot_port: int) -> None:
+    def start(self, client_port: int) -> None:
         """Start ArduPilot in its folder, and wait for its first frame."""
         self._bound = bound = udp.bind(0)
         bound.setblocking(True)
@@ -229,12 +229,12 @@ class ArduPilot:
             str(_START_S),
             "--defaults",
             _PARAMETERS_FILE,
-            *place_and_links(pilot_port),
+            *place_and_links(client_port),
         ]
         try:
             self._process = ChildProcess(command, self._folder, os.environ)
         except OSError as error:
-            raise GuestError(GuestOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
+            raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{command[0]}: {error.strerror}") from None
         self._process.share_core()
         self._accept()
 
@@ -255,7 +255,7 @@ class ArduPilot:
                 waits += 1
                 self._check_alive()
                 if waits * _WAIT_S >= _HUNG_S:
-                    raise GuestError(GuestOutcome.HUNG, f"no frame in {_HUNG_S:g} s") from None
+                    raise ExternalError(ExternalOutcome.HUNG, f"no frame in {_HUNG_S:g} s") from None
                 continue
             except OSError:
                 raise self._ending() from None
@@ -266,7 +266,7 @@ class ArduPilot:
                 self._replies += 1
                 return frame.rotors
             if frame.kind is FrameKind.RESTARTED:
-                raise GuestError(GuestOutcome.KILLED, "ArduPilot started anew: its count of frames went back")
+                raise ExternalError(ExternalOutcome.KILLED, "ArduPilot started anew: its count of frames went back")
             if frame.kind is FrameKind.REPEATED and time.monotonic() - self._sent_s > _LOST_S:
                 self._send()
 
@@ -299,12 +299,12 @@ class ArduPilot:
             try:
                 datagram, address = self._connected.recvfrom(_FRAME)
             except BlockingIOError:
-                self._check_alive(GuestOutcome.WRONG_BUILD)
+                self._check_alive(ExternalOutcome.WRONG_BUILD)
                 continue
             if self._reader.read(datagram).kind is FrameKind.NEW:
                 udp.connect(self._connected, address)
                 return
-        raise GuestError(GuestOutcome.WRONG_BUILD, f"no frame of the JSON interface in {_START_TIMEOUT_S:g} s")
+        raise ExternalError(ExternalOutcome.WRONG_BUILD, f"no frame of the JSON interface in {_START_TIMEOUT_S:g} s")
 
     def _forget_repeats(self) -> None:
         """Drop what was asked while the answer was late: it asks for the one that is about to be sent."""
@@ -318,10 +318,10 @@ class ArduPilot:
         except OSError:
             raise self._ending() from None
 
-    def _check_alive(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> None:
+    def _check_alive(self, outcome: ExternalOutcome = ExternalOutcome.KILLED) -> None:
         if self._process is None or self._process.ending:
             raise self._ending(outcome)
 
-    def _ending(self, outcome: GuestOutcome = GuestOutcome.KILLED) -> GuestError:
+    def _ending(self, outcome: ExternalOutcome = ExternalOutcome.KILLED) -> ExternalError:
         said = self._process.describe_ending("closed its port") if self._process else "is not started"
-        return GuestError(outcome, f"ArduPilot {said}")
+        return ExternalError(outcome, f"ArduPilot {said}")

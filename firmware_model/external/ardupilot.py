@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.guest.readings import Readings
+from firmware_model.external.readings import Readings
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.elementary import arctan2
 from firmware_model.numerics.rotations import rotate

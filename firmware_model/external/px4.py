@@ -15,7 +15,7 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.config.vehicle import GRAVITY
-from firmware_model.guest.readings import Readings
+from firmware_model.external.readings import Readings
 from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Frame, FrameTemplate, parse
 from firmware_model.mavlink.services.geodesy import clip_int16, to_centi, to_geodetic

@@ -1,0 +1,1 @@
+"""Host a real autopilot: simulate its vehicle and its sensors for it."""

@@ -1,1 +1,0 @@
-"""Host a real autopilot as a guest: simulate its vehicle and its sensors for it."""
