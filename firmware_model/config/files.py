@@ -27,6 +27,7 @@ TEXT = 16 * MIB
 """[bytes] limit of a JSON or CSV file; a hostile one of this size takes less than a gigabyte of memory."""
 _TOML = 2 * MIB  # [bytes] the parser takes seconds for this much
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
+_MARK = b"\xef\xbb\xbf"  # byte order mark of UTF-8
 _KEYS = 50_000  # of a document: each unknown key is an error and takes a kilobyte until it is reported
 _LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
 
@@ -98,8 +99,8 @@ def read_bytes(path: Path, at_most: int) -> bytes:
     return content
 
 
-def read_text(path: Path, at_most: int = TEXT) -> str:
-    """Return the text of a regular file of at most `at_most` bytes.
+def read_text(path: Path, at_most: int = TEXT, *, marked: bool = False) -> str:
+    """Return the text of a regular file of at most `at_most` bytes; `marked` allows a byte order mark before it.
 
     Raises
     ------
@@ -109,7 +110,9 @@ def read_text(path: Path, at_most: int = TEXT) -> str:
         If it is not UTF-8, or begins with a byte order mark.
     """
     content = read_bytes(path, at_most)
-    if content.startswith(b"\xef\xbb\xbf"):
+    if marked:
+        content = content.removeprefix(_MARK)
+    if content.startswith(_MARK):
         raise ValueError("it begins with a byte order mark: save it as UTF-8 without one")
     try:
         return content.decode()

@@ -11,6 +11,14 @@ from firmware_model.errors import ConfigError
 DATA = Path(__file__).parent / "data" / "parameters"
 """Folder of the shipped sets, one below for each autopilot."""
 _NAME, _NUMBER = re.compile(r"[A-Z][A-Z0-9_]{0,15}"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_HEX = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
+_FORMS = (  # beside those of a name and a value alone
+    re.compile(r"\d+[\s,=]+\d+[\s,=]+(\w+)[\s,=]+(\S+)[\s,=]+\w+"),  # QGroundControl
+    re.compile(r"param\s+set(?:-default)?\s+(?:-s\s+)?(\w+)\s+(\S+)"),  # PX4's airframe files
+    re.compile(r"[x ]? *[+*]? *(\w+) \[\d+,\d+\] : (\S+)"),  # `param show` in PX4's shell
+)
+_SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
+_MOST_INCLUDES = 32
 SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of parameter files."""
 GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
@@ -18,11 +26,16 @@ GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{n
 _WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
 
 
-def read_parameters(name_or_path: str | Path, autopilot: str) -> dict[str, str]:
+def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str] | None = None) -> dict[str, str]:
     """Return the values by name of a parameter file, or of a shipped set, as they stand there.
 
     A line holds a name and a value, apart by spaces, tabs, a comma or an equals sign. Lines of QGroundControl, with
-    system and component before and a type after these, are read too. A number sign begins a comment.
+    system and component before and a type after these, are read too. So are those of MAVProxy with `@READONLY`, of
+    `param show` in PX4's shell, and `param set-default` in its airframe files. A number sign begins a comment, and
+    `@include` names a file beside this one. Hexadecimal numbers become decimal.
+
+    `remarks` takes what can't be read: other lines of a script, and files that are included but not there. Without it
+    such a line is refused.
 
     Raises
     ------
@@ -32,27 +45,69 @@ def read_parameters(name_or_path: str | Path, autopilot: str) -> dict[str, str]:
     path = Path(name_or_path)
     if path.suffix not in SUFFIXES:
         path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
+    reader = _Reader(remarks)
+    reader.read(path)
+    return reader.values
+
+
+class _Reader:
+    """State of reading a file with those that it includes."""
+
+    def __init__(self, remarks: list[str] | None) -> None:
+        self.values: dict[str, str] = {}
+        self._remarks, self._included = remarks, 0
+
+    def read(self, path: Path) -> None:
+        """Take the lines of a file."""
+        lines = _read_lines(path)
+        others = list[str]()
+        for number, line in enumerate(lines, 1):
+            words = _split(line)
+            if words[:1] == ["@include"]:
+                self._include(path, " ".join(words[1:]), number)
+            elif len(words) == 2 and _NAME.fullmatch(words[0]) and _NUMBER.fullmatch(words[1]):
+                self.values[words[0]] = words[1]
+            elif words:
+                others.append(f"line {number}: '{sanitize_line(line)}'")
+        if others:
+            self._tell(path, others, is_script=any(re.match(r"\s*param\s+set", line) for line in lines))
+
+    def _tell(self, path: Path, others: list[str], *, is_script: bool) -> None:
+        """Remark on lines that are no parameters, or refuse them."""
+        if self._remarks is None or not is_script:
+            reason = "; semicolons separate nothing" if ";" in others[0] else ""
+            raise ConfigError(f"{path}: {others[0]} is no name and value of a parameter{reason}")
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        self._remarks.append(f"{path.name}: a script, {others[0]}{more} not run, all its parameters count")
+
+    def _include(self, path: Path, name: str, number: int) -> None:
+        """Take the lines of a file that a line of another names."""
+        self._included += 1
+        if self._included > _MOST_INCLUDES:
+            raise ConfigError(f"{path}: line {number}: more than {_MOST_INCLUDES} files are included")
+        if self._remarks is not None and not (path.parent / name).exists():
+            self._remarks.append(f"{path.name}: @include {sanitize_line(name)}: not there, its parameters are missing")
+            return
+        self.read(path.parent / name)
+
+
+def _read_lines(path: Path) -> list[str]:
     try:
-        text = read_text(path)
+        return read_text(path, marked=True).splitlines()
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
-    values: dict[str, str] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        words = _split(line)
-        if words and not (len(words) == 2 and _NAME.fullmatch(words[0]) and _NUMBER.fullmatch(words[1])):
-            raise ConfigError(f"{path}: line {number}: '{sanitize_line(line)}' is no name and value of a parameter")
-        values |= {words[0]: words[1]} if words else {}
-    return values
 
 
 def _split(line: str) -> list[str]:
     """Return name and value of a line, no words of an empty one, and all words of any other."""
-    words = re.split(r"[\s,=]+", line.partition("#")[0].strip())
-    if len(words) == 5 and words[0].isdigit() and words[1].isdigit():
-        return words[2:4]
-    return [word for word in words if word]
+    text = line.partition("#")[0].strip()
+    if _SHOWN_BESIDE.fullmatch(text):
+        return []
+    form = next((match for each in _FORMS if (match := each.fullmatch(text))), None)
+    words = form.groups() if form else re.split(r"[\s,=]+", text)
+    return [str(int(word, 16)) if _HEX.fullmatch(word) else word for word in words if word and word != "@READONLY"]
 
 
 def write_parameters(values: Mapping[str, str], path: Path, form: str, head: Sequence[str] = ()) -> None:

@@ -180,12 +180,12 @@ def check_rate(autopilot: str, name: str, scenario: Scenario) -> None:
         raise ConfigError(f"scenario '{scenario.name}' {has}, {name} takes {rate_hz}")
 
 
-def scenario_for(autopilot: str, scenario: Scenario) -> Scenario:
-    """Return a scenario at the sample rate of an autopilot, with steps that are no longer than before.
+def scenario_for(autopilot: str, scenario: Scenario, rate_hz: int | None = None) -> Scenario:
+    """Return a scenario at `rate_hz` or the simulation's rate of an autopilot, with steps no longer than before.
 
     The gusts are then those of the seed at that rate: they depend on the step, their statistics do not.
     """
-    rate_hz = SAMPLE_RATES_HZ[autopilot]
+    rate_hz = SAMPLE_RATES_HZ[autopilot] if rate_hz is None else rate_hz
     steps = -(-scenario.physics_rate_hz // rate_hz)
     if scenario.control_rate_hz == rate_hz:
         return scenario

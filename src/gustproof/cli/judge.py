@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gustproof.studies.rate.improvement import Improvement
     from gustproof.studies.rate.judge import Judgement
 
-_LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin")
+_LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog")
 
 
 def judge(
@@ -204,6 +204,11 @@ def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]
         log = read_log(path)
         if not log.parameters:
             raise ConfigError(f"{path}: the log has no parameters")
+        if log.system in AUTOPILOTS:
+            try:
+                AUTOPILOTS[log.system].check_gains(log.parameters)
+            except ConfigError as error:
+                raise ConfigError(f"{path}: {error}") from None
         model, findings = autopilot_law(log.system, log.parameters, vehicle), log.findings
     else:
         model = read_autopilot_law(path, vehicle)

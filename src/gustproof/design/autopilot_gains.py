@@ -190,8 +190,8 @@ def tune_gains(
     It is a local optimum from fixed starts: the same gains every time. The sensitivity peak [-] of each axis is at most
     `sensitivity_peak`, the rms torque slew pooled over the axes at most `slew` [N*m/s]. The loops run at the rate of
     the autopilot's simulation, which rounds its outputs. If not `in_simulation` they are a law for any vehicle: at the
-    scenario's rate, without mixer, with parameters per torque limit. Notches are those of the parameters that are
-    `flown`; without these, there are none.
+    scenario's rate, without mixer, with parameters per torque limit. Notches, and the loops' rate, are those of the
+    parameters that are `flown`; without these, there are none.
 
     Raises
     ------
@@ -207,9 +207,9 @@ def tune_gains(
     structure = structure if in_simulation else structure.as_law(vehicle)
     if in_simulation:
         check_measured(vehicle)
-    script, steps = (scenario_for(kind, scenario), autopilot.thrust_steps) if in_simulation else (scenario, 0)
-    script = with_measured_delay(script, vehicle)
-    step = vehicle.rotors.thrust_max / steps if steps else 0.0
+        scenario = scenario_for(kind, scenario, autopilot.find_rate(flown)[0])
+    script = with_measured_delay(scenario, vehicle)
+    step = vehicle.rotors.thrust_max / autopilot.thrust_steps if in_simulation and autopilot.thrust_steps else 0.0
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     fixed = complete(autopilot, structure.fixed)
     torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit

@@ -28,6 +28,20 @@ _DOUBLE, _TRIPLE, _HARMONICS = 1, 16, 16  # bits of OPTS, number of bits of HMNC
 _NOTCH_END, _LOW_PASS_END = 0.48, 0.4  # shares of the sample rate above which a notch is off and a low-pass is cut
 # AP_Int8, AP_Int16 or AP_Int32 in AP_InertialSensor.h and HarmonicNotchFilter.h of Copter 4.6
 _WHOLE = frozenset({"INS_GYRO_FILTER", *(f"{each}_{key}" for each in _NOTCHES for key in ("ENABLE", "HMNCS", "OPTS"))})
+_ROTORS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}  # by FRAME_CLASS
+_STRANGERS = {
+    r"Q_A_(RAT|ANG)_\w+": "gains of a quadplane (ArduPlane): to judge its hover, rename Q_A_ to ATC_ and Q_M_ to MOT_",
+    r"(RLL|PTCH|YAW)(2SRV|_RATE)_\w+|TECS_\w+|KFF_\w+": "of a plane (ArduPlane), only multicopters are judged",
+    r"ATC_(STR|SPEED|SAIL|BAL)_\w+|CRUISE_\w+": "of a rover or boat (ArduRover), only multicopters are judged",
+    r"H_(COL|SW|RSC|TAIL|FLYBAR|SV)\w*|IM_\w+": "of a helicopter, only multicopters are judged",
+    r"JS_(GAIN|BTN)\w+": "of a submarine (ArduSub), only multicopters are judged",
+    r"RATE_(RLL|PIT|YAW)_\w+|STB_(RLL|PIT|YAW)_P": "names of ArduCopter before 3.4: its gains have another scale, and "
+    "other names since, ATC_RAT_… and ATC_ANG_…",
+}
+_SWITCHES = {
+    "FSTRATE_ENABLE": (0.0, "its rate loops run at the gyro's rate, faster than here"),
+    "MOT_THST_EXPO": (0.65, "taken to make the thrust linear in the command"),
+}
 _UNMODELLED = ("SMAX", "PDMX", "D_FF", "NTF", "NEF")
 
 
@@ -132,7 +146,12 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     return LoopSignals(loop, torque, commanded, math.radians(most) if most > 0.0 else None)
 
 
-def _remarks(given: Mapping[str, float]) -> list[str]:
+def _rotors(given: Mapping[str, float]) -> tuple[str, int] | None:
+    frame = int(given.get("FRAME_CLASS", 0))
+    return (f"FRAME_CLASS {frame}", _ROTORS[frame]) if frame in _ROTORS else None
+
+
+def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     found = ["saturation empties the integrals by back-calculation, where ArduPilot stops their growth"]
     limits = ", ".join(f"{each} {given.get(f'ATC_RAT_{each}_IMAX', 0.5):g}" for each in _NAMES)
     found.append(f"the integrals have no limit, where ATC_RAT_…_IMAX are {limits}")
@@ -143,9 +162,9 @@ def _remarks(given: Mapping[str, float]) -> list[str]:
     for name in _NOTCHES:
         if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 0.0):
             found.append(f"{name}: taken at its {name}_FREQ, where ArduPilot moves it")
-    if given.get("MOT_THST_EXPO", 0.65):
-        found.append("MOT_THST_EXPO: taken to make the thrust linear in the command")
-    return found
+    if given.get("INS_GYRO_FILTER", 0.0) > (most := _LOW_PASS_END * rate_hz):
+        found.append(f"INS_GYRO_FILTER: taken at {most:g} Hz, the most at this rate; on board it has the gyro's rate")
+    return found + [f"{name}: {meaning}" for name, (default, meaning) in _SWITCHES.items() if given.get(name, default)]
 
 
 ARDUPILOT = AutopilotLoops(
@@ -163,4 +182,9 @@ ARDUPILOT = AutopilotLoops(
     build=_build,
     thrust_steps=1000,  # microseconds of a pulse
     remarks=_remarks,
+    gains=r"ATC_(ANG_(RLL|PIT|YAW)_P|RAT_(RLL|PIT|YAW)_[PID])",
+    filters=r"INS_GYRO_FILTER|INS_HNTC(H|2)_ENABLE",
+    strangers=_STRANGERS,
+    loop_rate=("SCHED_LOOP_RATE", 50.0, 2000.0),
+    rotors=_rotors,
 )

@@ -66,8 +66,8 @@ def autopilot_law(
 ) -> AutopilotLaw:
     """Return the loops of `px4` or `ardupilot` on a vehicle; those not given are the autopilot's defaults.
 
-    By default the rate is that of the autopilot's simulation, 250 and 400 Hz. `full_torque` [N*m], that of a command
-    of 1, is by default what a log measured, or that of its mixer.
+    By default the rate is that of the parameters, else that of the autopilot's simulation, 250 and 400 Hz.
+    `full_torque` [N*m], that of a command of 1, is by default what a log measured, or that of its mixer.
 
     Raises
     ------
@@ -78,7 +78,9 @@ def autopilot_law(
     autopilot = AUTOPILOTS.get(kind)
     if autopilot is None:
         raise ConfigError(f"autopilot {none_of(kind, tuple(AUTOPILOTS))}")
-    values, rate = complete(autopilot, parameters), autopilot.rate_hz if rate_hz is None else rate_hz
+    values, (rate, told) = complete(autopilot, parameters), autopilot.find_rate(parameters)
+    if rate_hz is not None and rate_hz != rate:
+        rate, told = rate_hz, f"{autopilot.loop_rate[0]}: the loops are taken at {rate_hz} Hz, as is asked for"
     full_torque = autopilot.full_torque(vehicle, values) if full_torque is None else full_torque
     axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]
     law = cascade_law(
@@ -89,7 +91,7 @@ def autopilot_law(
         Provenance(
             design=f"loops of {autopilot.name}, {autopilot.version}, at {rate} Hz",
             vehicle=vehicle.name,
-            parameters=values,
+            parameters=values | {autopilot.loop_rate[0]: rate},
             version=__version__,
         ),
     )
@@ -100,8 +102,10 @@ def autopilot_law(
         remarks=(
             *_strange(autopilot, parameters),
             *_describe_command(vehicle),
+            *_describe_frame(autopilot, parameters, vehicle),
             *describe_defaults(autopilot, parameters),
-            *autopilot.remarks(parameters),
+            told,
+            *autopilot.remarks(parameters, rate),
         ),
     )
 
@@ -116,20 +120,27 @@ def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = No
     """
     if path.suffix not in SUFFIXES:
         raise ConfigError(f"{path}: a parameter file ends in {', '.join(SUFFIXES)}")
-    parameters = {name: float(value) for name, value in read_parameters(str(path), "").items()}
+    found: list[str] = []
+    parameters = {name: float(value) for name, value in read_parameters(str(path), "", found).items()}
     if wrong := [name for name, value in parameters.items() if not math.isfinite(value)]:
         raise ConfigError(f"{path}: {wrong[0]} is not finite")
-    kinds = [kind for kind, each in AUTOPILOTS.items() if any(name.startswith(each.family) for name in parameters)]
+    kinds = [kind for kind, each in AUTOPILOTS.items() if any(_is_of(each, name) for name in parameters)]
     if len(kinds) != 1:
-        found = "of both PX4 and ArduPilot" if kinds else "of PX4 (MC_…) or ArduPilot (ATC_…)"
-        raise ConfigError(f"{path}: must hold gains of one autopilot, there are {'those' if kinds else 'none'} {found}")
+        which = "of both PX4 and ArduPilot" if kinds else "of PX4 (MC_…) or ArduPilot (ATC_…)"
+        raise ConfigError(f"{path}: must hold gains of one autopilot, there are {'those' if kinds else 'none'} {which}")
     name = "-".join(filter(None, (kinds[0], re.sub(r"[^a-z0-9]+", "-", path.stem.lower()).strip("-"))))
     kept = drop_fractions(AUTOPILOTS[kinds[0]], parameters)
     try:
+        AUTOPILOTS[kinds[0]].check_gains(parameters)
         built = autopilot_law(kinds[0], kept, vehicle, rate_hz=rate_hz, name=name)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
-    return replace(built, remarks=(*_cut(AUTOPILOTS[kinds[0]], parameters, kept), *built.remarks))
+    return replace(built, remarks=(*found, *_cut(AUTOPILOTS[kinds[0]], parameters, kept), *built.remarks))
+
+
+def _is_of(autopilot: AutopilotLoops, name: str) -> bool:
+    """Return whether a name tells the autopilot, if not its multicopters."""
+    return name.startswith(autopilot.family) or any(re.fullmatch(each, name) for each in autopilot.strangers)
 
 
 def _match(axes: Sequence[LoopSignals]) -> list[AxisLaw]:
@@ -163,6 +174,16 @@ def _describe_command(vehicle: Vehicle) -> list[str]:
     if command.unmeasured:
         found.append(f"{' and '.join(command.unmeasured)}: not measured, the torque is a guess from the other axes")
     return found
+
+
+def _describe_frame(autopilot: AutopilotLoops, parameters: Mapping[str, float], vehicle: Vehicle) -> list[str]:
+    """Return a remark if the frame of the parameters has other rotors than the vehicle; none if these are assumed."""
+    frame = autopilot.rotors(parameters)
+    if frame is None or is_measured(vehicle) or frame[1] == vehicle.rotors.count:
+        return []
+    return [
+        f"{frame[0]} has {frame[1]} rotors: it does not fit vehicle '{vehicle.name}', which has {vehicle.rotors.count}"
+    ]
 
 
 def _strange(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> list[str]:

@@ -24,6 +24,7 @@ from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
 
 _NAMES, _LIMITS = ("ROLL", "PITCH", "YAW"), ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
 _LEAST = 1e-4  # of an angle gain or yaw weight: below it PX4 holds no attitude
+_VTOL = (2.0, 3.0, 4.0)  # CA_AIRFRAME of standard VTOL, tiltrotor and tailsitter
 _DYNAMIC = 3  # bits of IMU_GYRO_DNF_EN: notches that follow the speed of rotors, or a spectrum
 
 
@@ -97,7 +98,12 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     return LoopSignals(loop, torque, commanded, math.radians(parameters[f"MC_{name}RATE_MAX"]))
 
 
-def _remarks(given: Mapping[str, float]) -> list[str]:
+def _rotors(given: Mapping[str, float]) -> tuple[str, int] | None:
+    count = int(given.get("CA_ROTOR_COUNT", 0))
+    return (f"CA_ROTOR_COUNT {count}", count) if count else None
+
+
+def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     found = ["saturation empties the integrals by back-calculation, where PX4 stops them"]
     limits = ", ".join(f"{name} {given.get(name, 0.3):g}" for name in _LIMITS)
     found.append(f"the integrals have no limit, where PX4 has {limits}")
@@ -105,6 +111,10 @@ def _remarks(given: Mapping[str, float]) -> list[str]:
         found.append("MC_YAW_TQ_CUTOFF: 0, as `fly --autopilot` sets it, where PX4's own is 2")
     if int(given.get("IMU_GYRO_DNF_EN", 0)) & _DYNAMIC:
         found.append("IMU_GYRO_DNF_EN: moving notches are left out")
+    off = [name for name in ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF") if given.get(name, 0.0) >= 0.5 * rate_hz]
+    found += [f"{', '.join(off)}: off at this rate, of half of it at most"] if off else []
+    if given.get("CA_AIRFRAME", 0.0) in _VTOL:
+        found.append("a VTOL: its hover alone is judged")
     if given.get("THR_MDL_FAC", 0.0):
         found.append("THR_MDL_FAC: taken to make the thrust linear in the command")
     if any(name.startswith("CA_ROTOR") for name in given):
@@ -126,4 +136,13 @@ PX4 = AutopilotLoops(
     build=_build,
     thrust_steps=1000,  # microseconds of a pulse, though its simulator gets fractions
     remarks=_remarks,
+    gains=r"MC_(ROLL|PITCH|YAW)(_P|RATE_[PIDK])",
+    filters=r"IMU_D?GYRO_CUTOFF|IMU_GYRO_NF[01]_FRQ",
+    strangers={
+        r"FW_[RPY]R_\w+": "unless it hovers: of a plane, only multicopters are judged",
+        r"(GND|RD|RA|RM|RO)_\w+": "unless it hovers: of a rover, only multicopters are judged",
+        r"UUV_\w+": "unless it hovers: of a submarine, only multicopters are judged",
+    },
+    loop_rate=("IMU_GYRO_RATEMAX", 100.0, 8000.0),
+    rotors=_rotors,
 )

@@ -1,6 +1,7 @@
 """Parameters of an autopilot's loops: defaults, ranges, and the axis that the loops are built from."""
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 
 _FEW = 4  # names that a remark lists
+_FASTEST = 2000  # [Hz] of loops that are judged
+_BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
 _NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
 _AT_LIMIT = 1e-3  # relative distance within which a value is at a limit: the search stops as near
 
@@ -71,8 +74,52 @@ class AutopilotLoops(NamedTuple):
     """Axis 0 to 2, parameters, that torque [N*m] and the rate [Hz] to the loop."""
     thrust_steps: int
     """Steps from no thrust to the largest in which outputs are told in simulation; 0 if they are not rounded."""
-    remarks: Callable[[Mapping[str, float]], list[str]]
-    """Parameters [in their units], with those not of the loops, to what the form does not hold of them."""
+    remarks: Callable[[Mapping[str, float], int], list[str]]
+    """Parameters [in their units], with those not of the loops, and the rate [Hz] to what the form does not hold."""
+    gains: str
+    """Regular expression of the gains: without one of them a file is not judged."""
+    filters: str
+    """Regular expression of the filters that are named where they are at their defaults."""
+    strangers: Mapping[str, str]
+    """Regular expressions of names that tell another class of vehicle or version, and what is said of them."""
+    loop_rate: tuple[str, float, float]
+    """Parameter of the loops' rate, its least and its largest value [Hz]."""
+    rotors: Callable[[Mapping[str, float]], tuple[str, int] | None]
+    """Parameters to those of the frame in words, and its number of rotors; `None` if they do not tell it."""
+
+    def find_rate(self, parameters: Mapping[str, float]) -> tuple[int, str]:
+        """Return the rate [Hz] of the loops by their parameters, and a remark on it.
+
+        Raises
+        ------
+        ConfigError
+            If it is out of range.
+        """
+        name, low, high = self.loop_rate
+        given = parameters.get(name, 0.0)
+        if given == 0.0:  # PX4: as fast as the gyro
+            return self.rate_hz, f"{name}: not given, the loops are taken at {self.rate_hz} Hz"
+        if not low <= given <= high:
+            raise ConfigError(f"{name}: is {given:g}, must be {low:g} to {high:g}")
+        rate = min(round(given), _FASTEST)
+        more = f", where {given:g} is given" if rate != given else ""
+        return rate, f"{name}: the loops are taken at {rate} Hz{more}"
+
+    def check_gains(self, parameters: Mapping[str, float]) -> None:
+        """Refuse parameters of another class of vehicle, of an old version, or without a gain.
+
+        Raises
+        ------
+        ConfigError
+            One line that names them.
+        """
+        has_gains = any(re.fullmatch(self.gains, name) for name in parameters)
+        for names, meaning in self.strangers.items():
+            found = [name for name in parameters if re.fullmatch(names, name)]
+            if found and not (has_gains and meaning.startswith(_BESIDE)):
+                raise ConfigError(f"{', '.join(found[:_FEW])}: {meaning.removeprefix(_BESIDE)}")
+        if not has_gains:
+            raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
 
     def describe_limit(self, name: str, value: float) -> str:
         """Return what is to be said of a value at or beyond its documented limit; empty within."""
@@ -91,8 +138,10 @@ def describe_defaults(autopilot: AutopilotLoops, parameters: Mapping[str, float]
     missing = [name for name in autopilot.settings if name not in parameters]
     if not missing:
         return []
-    few = ", ".join(f"{name} {autopilot.settings[name].default:g}" for name in missing[:_FEW])
-    told = few if len(missing) <= _FEW else f"{len(missing)} of {len(autopilot.settings)} parameters"
+    first = [name for name in missing if re.fullmatch(f"{autopilot.gains}|{autopilot.filters}", name)] or missing[:_FEW]
+    named = ", ".join(f"{name} {autopilot.settings[name].default:g}" for name in first)
+    rest = len(missing) - len(first)
+    told = f"{named}{f' and {rest} others' if rest else ''}" if parameters else f"all {len(missing)} parameters"
     version, later = autopilot.later
     changed = [f"{name} {value:g} for {autopilot.settings[name].default:g}" for name, value in later.items()]
     changed = [each for name, each in zip(later, changed, strict=True) if name in missing]

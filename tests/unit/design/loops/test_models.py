@@ -182,6 +182,16 @@ def test_a_file_is_known_by_its_names(kind: str, shipped: str) -> None:
     ("text", "wrong"),
     [
         ("", "there are none of PX4"),
+        ("INS_GYRO_FILTER 20\n", "no gain of ArduPilot among its 1 parameters"),
+        ("Q_A_RAT_RLL_P 0.9\nINS_GYRO_FILTER 20\n", "Q_A_RAT_RLL_P: gains of a quadplane"),
+        ("INS_GYRO_FILTER 20\nRLL_RATE_P 0.1\n", "RLL_RATE_P: of a plane (ArduPlane)"),
+        ("ATC_STR_RAT_P 0.2\n", "ATC_STR_RAT_P: of a rover or boat"),
+        ("ATC_RAT_RLL_P 0.1\nH_SW_TYPE 3\n", "H_SW_TYPE: of a helicopter"),
+        ("RATE_RLL_P 0.15\nSTB_YAW_P 4.5\n", "RATE_RLL_P, STB_YAW_P: names of ArduCopter before 3.4"),
+        ("INS_GYRO_FILTER 20\nRATE_RLL_P 0.15\n", "RATE_RLL_P: names of ArduCopter before 3.4"),
+        ("FW_RR_P 0.05\n", "FW_RR_P: of a plane"),
+        ("ATC_RAT_RLL_P 0.1\nSCHED_LOOP_RATE 8\n", "SCHED_LOOP_RATE: is 8, must be 50 to 2000"),
+        ("ATC_RAT_RLL_P = 0.135;\n", "semicolons separate nothing"),
         ("BATT_CAPACITY 3\n", "there are none of PX4"),
         ("MC_ROLL_P 5\nATC_ANG_RLL_P 5\n", "there are those of both"),
         ("MC_ROLL_P -1\n", "MC_ROLL_P: is -1, must be 0.0001 to 100"),
@@ -198,6 +208,75 @@ def test_a_bad_file_is_refused_in_a_line(tmp_path: Path, text: str, wrong: str) 
     assert wrong in str(refused.value)
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("\ufeffMC_ROLLRATE_P,0.15\r\n", 1),
+        ("#NOTE: 11/28/2025\nATC_RAT_RLL_P,0.15 @READONLY\n", 1),
+        ("ATC_RAT_RLL_P,0.15\nBRD_OPTIONS,0x10\n", 2),
+        ("Symbols: x = used, + = saved, * = unsaved\nx + MC_ROLLRATE_P [410,771] : 0.1500\n"
+         "    MC_ROLL_P [4,7] : 6.5\n\n 2/1090 parameters used.\n", 2),
+        ("#!/bin/sh\n. ${R}etc/init.d/rc.mc_defaults\n\tparam set-default MC_ROLLRATE_P 0.15\n"
+         "param set MC_ROLL_P 6.5 # deg\nset MIXER quad_x\n", 2),
+        ("ATC_RAT_RLL_P 0.3\n@include more.parm\n", 2),
+        ("ATC_RAT_RLL_P 0.15 # comment\n@include ../none.parm\n", 1),
+    ],
+)  # fmt: skip
+def test_forms_that_users_bring_are_read(tmp_path: Path, text: str, names: int) -> None:
+    path = tmp_path / "mine.parm"
+    path.write_bytes(text.encode())
+    (tmp_path / "more.parm").write_text("ATC_RAT_RLL_P 0.15\nBRD_TYPE 2\n")
+    values = read_parameters(path, "", remarks := [])
+    first = next(iter(values))
+    assert (len(values), values[first]) == (names, "0.1500" if "[410" in text else "0.15")
+    assert values.get("BRD_OPTIONS", "16") == "16"
+    assert any("not run" in each for each in remarks) == ("set-default" in text)
+    assert any("its parameters are missing" in each for each in remarks) == ("none.parm" in text)
+    assert tuple(remarks) == read_autopilot_law(path, VEHICLE).remarks[: len(remarks)]
+    if remarks:
+        with pytest.raises(ConfigError):
+            read_parameters(path, "")
+
+
+def test_files_that_include_each_other_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.parm"
+    path.write_text("@include mine.parm\n")
+    with pytest.raises(ConfigError, match="more than 32 files are included"):
+        read_autopilot_law(path, VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "rate", "told"),
+    [
+        ("ardupilot", {"SCHED_LOOP_RATE": 800.0}, 800, "SCHED_LOOP_RATE: the loops are taken at 800 Hz"),
+        ("px4", {"IMU_GYRO_RATEMAX": 1000.0}, 1000, "IMU_GYRO_RATEMAX: the loops are taken at 1000 Hz"),
+        ("px4", {"IMU_GYRO_RATEMAX": 8000.0}, 2000, "2000 Hz, where 8000 is given"),
+        ("px4", {"IMU_GYRO_RATEMAX": 0.0}, 250, "not given, the loops are taken at 250 Hz"),
+        ("ardupilot", {}, 400, "SCHED_LOOP_RATE: not given, the loops are taken at 400 Hz"),
+    ],
+)
+def test_loops_run_at_the_rate_of_the_parameters(kind: str, given: dict[str, float], rate: int, told: str) -> None:
+    found = autopilot_law(kind, {"INS_GYRO_FILTER": 180.0, **given}, VEHICLE)
+    assert (found.rate_hz, found.law.dt) == (rate, 1.0 / rate)
+    assert any(told in each for each in found.remarks)
+    cut = [each for each in found.remarks if each.startswith("INS_GYRO_FILTER: taken at 160 Hz")]
+    assert bool(cut) == (rate == 400)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "fits"),
+    [
+        ("ardupilot", {"FRAME_CLASS": 1.0}, True),
+        ("ardupilot", {"FRAME_CLASS": 2.0}, False),
+        ("px4", {"CA_ROTOR_COUNT": 4.0}, True),
+        ("px4", {"CA_ROTOR_COUNT": 6.0}, False),
+    ],
+)
+def test_a_frame_that_does_not_fit_the_vehicle_is_told(kind: str, given: dict[str, float], fits: bool) -> None:
+    told = [each for each in autopilot_law(kind, given, VEHICLE).remarks if "does not fit vehicle" in each]
+    assert bool(told) != fits
 
 
 def test_a_file_s_fractions_of_whole_numbers_are_dropped_as_there(tmp_path: Path) -> None:
@@ -283,7 +362,7 @@ OF_2026 = "since June 2025 (1.17) PX4 has "
     [
         ("px4", ["MC_ROLLRATE_P"], f"{OF_2026}MC_ROLL_P 4 for 6.5, MC_PITCH_P 4 for 6.5, IMU_DGYRO_CUTOFF 20 for 30"),
         ("px4", ["MC_ROLL_P", "MC_PITCH_P"], f"{OF_2026}IMU_DGYRO_CUTOFF 20 for 30"),
-        ("px4", ["MC_ROLL_P", "MC_PITCH_P", "IMU_DGYRO_CUTOFF"], "of February 2025 fill up 26 of 29 parameters"),
+        ("px4", ["MC_ROLL_P", "MC_PITCH_P", "IMU_DGYRO_CUTOFF"], "of February 2025 fill up MC_ROLLRATE_P 0.15, "),
         ("ardupilot", ["ATC_RAT_RLL_P"], "defaults of ArduPilot Copter 4.7-dev of July 2025 fill up "),
     ],
 )  # fmt: skip
