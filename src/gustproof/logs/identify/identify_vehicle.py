@@ -22,6 +22,7 @@ from gustproof.logs.identify.likelihood import (
     places,
     solve_gains,
 )
+from gustproof.logs.identify.rates import describe_slow_log
 from gustproof.logs.identify.stretches import (
     BIN,
     SHORTEST,
@@ -105,7 +106,8 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     learnt = keep_first(spans, _LEARNT)
     rest = keep_rest(spans, _LEARNT)
     if not learnt or not rest:
-        raise ConfigError(f"{log.source}: too short: {3.0 * SHORTEST:g} s in the air without a gap are needed")
+        short = f"too short: {3.0 * SHORTEST:g} s in the air without a gap are needed"
+        raise ConfigError(f"{log.source}: {describe_slow_log(log, command) or short}")
     tell(0.02)
     dt = max(BIN, sample_time(log.gyro))
     near = _search(_axis_data(_cut(log, command, limit_time(learnt, command, _BRIEF)), square))
@@ -211,7 +213,8 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], held_out: li
     """Return the results in the form that others read."""
     leader = next((axis for axis in axes if axis.gain is not None), None)
     lag, delay = _lag_and_delay(leader, 0.5 * sample_time(command))
-    roll, pitch, yaw = (_estimate(axis, r2, sample_time(log.gyro)) for axis, r2 in zip(axes, held_out, strict=True))
+    slow, dt = describe_slow_log(log, command), sample_time(log.gyro)
+    roll, pitch, yaw = (_estimate(axis, r2, dt, slow) for axis, r2 in zip(axes, held_out, strict=True))
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
         source=log.source,
@@ -254,8 +257,8 @@ def _lag_and_delay(axis: _Axis | None, hold: float) -> tuple[Interval | None, In
     return lag, Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
 
 
-def _estimate(axis: _Axis, held_out: float, dt: float) -> AxisEstimate:
-    """Return the numbers of one axis; `dt` [s] is that of the gyro's samples."""
+def _estimate(axis: _Axis, held_out: float, dt: float, slow: str) -> AxisEstimate:
+    """Return the numbers of one axis; `dt` [s] is that of the gyro's samples, `slow` blames a slow log."""
     gain, theta = axis.gain, axis.theta
     damping = interval(theta, axis.replicates, lambda p: np.maximum(p[..., DAMPING], 0.0))
     return AxisEstimate(
@@ -265,7 +268,7 @@ def _estimate(axis: _Axis, held_out: float, dt: float) -> AxisEstimate:
         disturbance_rms=disturbance_rms(axis.curves, theta),
         disturbance_corner=disturbance_corner(theta),
         held_out_r2=None if gain is None else held_out,
-        advice="" if gain is not None else _advise(axis),
+        advice="" if gain is not None else slow or _advise(axis),
     )
 
 
