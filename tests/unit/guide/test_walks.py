@@ -39,7 +39,6 @@ from gustproof.guide import site
 from gustproof.robust.gain import lft_gain
 from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.worst_schedule import worst_schedule
-from gustproof.robust.mu import musyn
 from gustproof.show.live import live
 from gustproof.show.report import laws as report_of_laws
 from gustproof.show.reproduce import run as paper
@@ -181,7 +180,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(placement, "PEAKS", (1.36,))
     patch.setattr(placement, "SLEWS", (20.0,))
     patch.setattr(paper, "LAWS", ("hinf-d1", "pid-fair", "flagship"))
-    patch.setattr(musyn, "_ITERATIONS", 1)
+    patch.setattr(methods, "musyn", partial(methods.musyn, iterations=1))
     for proof in ("certify_gain", "certify_lft"):  # of a law just designed; `certify` proves on its own
         patch.setattr(methods, proof, lambda *_, **__: NOT_PROVED)
     patch.setattr(lft_gain, "worst_schedule", partial(worst_schedule, duration=10.0))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -305,7 +306,7 @@ def _best_start(problem: _Problem, candidates: list[_Candidate]) -> tuple[Lti, M
     DesignError
         If no bound is finite.
     """
-    loops = [close_loop(problem.plant, each.controller) for each in candidates]
+    loops = [_close_loop(problem.plant, each.controller) for each in candidates]
     bounds = [
         min(each.bound, _upper_bound(loop, problem.measure)) for each, loop in zip(candidates, loops, strict=True)
     ]
@@ -316,22 +317,26 @@ def _best_start(problem: _Problem, candidates: list[_Candidate]) -> tuple[Lti, M
     return controller, MuStep(level=level, upper=bounds[best], filter_orders=(), order=controller.order)
 
 
+# A step begins with the loop that the one before ended with, and semidefinite programs take most of its time.
+_close_loop, _best_multipliers = lru_cache(4)(close_loop), lru_cache(4)(best_multipliers)
+
+
 def _upper_bound(loop: Uncertain, measure: Measure) -> float:
     """Return a bound of the measure from the loop alone; infinite if there is none."""
     if measure == "l2gain":
-        multipliers = best_multipliers(loop)
+        multipliers = _best_multipliers(loop)
         return math.inf if multipliers is None else multipliers.level
     return sweep(loop.M, _all_blocks(loop), gain=measure == "wcgain", accuracy=_ACCURACY)[0]
 
 
 def _step(problem: _Problem, controller: Lti, upper: float, order: int) -> tuple[Lti, MuStep] | None:
     """Return a controller with a lower bound, for the scalings of a loop, and its step; `None` if none was found."""
-    loop = close_loop(problem.plant, controller)
+    loop = _close_loop(problem.plant, controller)
     for filters, orders in _filters(loop, problem.measure, upper, order):
         try:
             level = problem.least_level(filters, upper)
             found = problem.design(filters, _BACKOFF * level, gamma=1.0).controller
-            closed = close_loop(problem.plant, found)
+            closed = _close_loop(problem.plant, found)
         except (DesignError, ValueError, np.linalg.LinAlgError):
             continue  # rounding, or filters that are not well posed
         if not closed.M.is_stable():
@@ -348,7 +353,7 @@ def _filters(loop: Uncertain, measure: Measure, level: float, order: int) -> Ite
     Fitted filters count only if their own D is positive at every frequency.
     """
     if measure == "l2gain":
-        multipliers = best_multipliers(loop)
+        multipliers = _best_multipliers(loop)
         if multipliers is not None:
             yield constant_filters(multipliers.D, multipliers.G), (0,) * len(multipliers.D)
         return
