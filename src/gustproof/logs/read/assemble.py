@@ -39,6 +39,10 @@ class Rows:
     values: Array
     """(n, k) in the unit of the signal in `FlightLog`."""
 
+    def has_times(self) -> bool:
+        """Return whether any sample has a stamp."""
+        return bool(np.isfinite(self.time_us).any())
+
     def take(self, which: NDArray[np.bool_]) -> "Rows":
         """Return the m of n samples for which the mask `which` (n,) is true."""
         if which.all():

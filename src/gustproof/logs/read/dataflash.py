@@ -1,8 +1,9 @@
-"""Read an ArduPilot DataFlash log, .bin.
+"""Read an ArduPilot DataFlash log, .bin, or the same as text, .log.
 
 Each message begins with A3 95 and its type; messages FMT give name, length, number formats and columns of the types.
 Damage is passed over to the next such begin. The gyro is the message of the highest rate; of nearly equal ones the one
-that is filtered less. Batches of the sampler (ISBD) are not used: they are bursts, in the sensor's own axes.
+that is filtered less. Batches of the sampler (ISBD) are not used: they are bursts, in the sensor's own axes. As text,
+a line is a message: its name and its values, scaled.
 
 References
 ----------
@@ -11,6 +12,7 @@ ArduPilot, `libraries/AP_Logger/README.md` and `LogStructure.h`; AP_Motors.
 
 import math
 import re
+import struct
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.config.files import open_regular
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, fastest
 from gustproof.logs.read.kept import Kept, read_blocks
 from gustproof.logs.read.pulses import motor_commands
@@ -26,7 +29,7 @@ from gustproof.types import Array
 
 _BEGIN = b"\xa3\x95"
 _FMT, _FMT_LENGTH = 128, 89
-MAGIC = _BEGIN + bytes((_FMT,))
+MAGIC, TEXT_MAGIC = _BEGIN + bytes((_FMT,)), b"FMT,"
 _FORMAT = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _TYPES = {
@@ -48,6 +51,10 @@ _TYPES = {
 _HUNDREDTHS = "cCeE"
 _DEGREE = math.pi / 180.0
 _TAKEN_OFF, _ON_GROUND = 28, (11, 18)  # events NOT_LANDED; DISARMED, LAND_COMPLETE
+_SCALED = str.maketrans("cCeEL", "ddddd")  # number formats whose text is scaled
+_PACKED = str.maketrans({"M": "B", "n": "4s", "N": "16s", "Z": "64s", "g": "e"})
+_WITHOUT_FORMAT = {"PARM": b"0,0,PARM,QNf,TimeUS,Name,Value"}
+_LONGEST_LINE = 4096  # [bytes]
 _OUTPUT = re.compile(r"C(?:h|han)?(\d{1,2})")
 
 
@@ -134,7 +141,7 @@ class _Parser:
         if len(table) == 0 or not {*source.columns} <= {*(table.dtype.names or ())}:
             return None
         values = np.column_stack([self._numbers(source.message, table, column) for column in source.columns])
-        return Rows(position=places, time_us=self._stamps(table), values=values * source.scale)
+        return Rows(position=places, time_us=_stamps(table), values=values * source.scale)
 
     def _numbers(self, name: str, table: NDArray[np.void], column: str) -> Array:
         layout, letters = self.layouts[name]
@@ -143,13 +150,61 @@ class _Parser:
             raise ValueError(f"{name}.{column} is no number")
         return table[column].astype(np.float64) * (0.01 if letter in _HUNDREDTHS else 1.0)
 
-    def _stamps(self, table: NDArray[np.void]) -> Array:
-        """Return the times [us] (n,) of messages; a raw sample has its own."""
-        names = table.dtype.names or ()
-        for column, unit_us in (("SampleUS", 1.0), ("TimeUS", 1.0), ("TimeMS", 1000.0)):
-            if column in names and table.dtype[column].kind in "iu":
-                return table[column].astype(np.float64) * unit_us
-        raise ValueError("messages without a time")
+
+class _TextParser(_Parser):
+    """The same of a log as text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._packers: dict[str, tuple[struct.Struct, str]] = {}
+        for message in _WITHOUT_FORMAT.values():
+            self._on_text_format(message)
+
+    def consume(self, buffer: bytes, place: int) -> int:
+        """Take the whole lines of a buffer, see `read_blocks`."""
+        begin = 0
+        while (end := buffer.find(b"\n", begin)) >= 0:
+            name, _, cells = buffer[begin:end].partition(b",")
+            try:
+                if name == b"FMT":
+                    self._on_text_format(cells)
+                elif (key := name.decode("ascii", "replace").strip()) in self._packers:
+                    self.kept.add(key, place + begin, self._pack(key, cells))
+            except (ValueError, struct.error, OverflowError):
+                self.damaged += end + 1 - begin
+            begin = end + 1
+        if len(buffer) - begin > _LONGEST_LINE:
+            raise ValueError(f"a line of it has more than {_LONGEST_LINE:,} bytes")
+        return begin
+
+    def _pack(self, name: str, cells: bytes) -> bytes:
+        packer, letters = self._packers[name]
+        values = [cell.strip() for cell in cells.split(b",")]
+        if len(values) != len(letters):
+            raise ValueError("another number of values")
+        return packer.pack(*map(_value, letters, values))
+
+    def _on_text_format(self, cells: bytes) -> None:
+        _, _, name, letters, *columns = (cell.strip() for cell in cells.decode("ascii", "replace").split(","))
+        scaled = letters.translate(_SCALED)
+        layout = _layout(scaled, columns)
+        if name in _KEPT and name not in self.kept and layout is not None and "a" not in letters:
+            self.layouts[name] = layout, scaled
+            self._packers[name] = struct.Struct("<" + scaled.translate(_PACKED)), scaled
+
+
+def _value(letter: str, cell: bytes) -> bytes | float:
+    """Return the value of a cell as `struct` takes it."""
+    return cell if letter in "nNZ" else float(cell) if letter in "fdg" else int(cell)
+
+
+def _stamps(table: NDArray[np.void]) -> Array:
+    """Return the times [us] (n,) of messages, NaN if they have none; a raw sample has its own."""
+    names = table.dtype.names or ()
+    for column, unit_us in (("SampleUS", 1.0), ("TimeUS", 1.0), ("TimeMS", 1000.0)):
+        if column in names and table.dtype[column].kind in "iu":
+            return table[column].astype(np.float64) * unit_us
+    return np.full(len(table), np.nan)
 
 
 def _layout(letters: str, columns: list[str]) -> np.dtype[np.void] | None:
@@ -160,7 +215,7 @@ def _layout(letters: str, columns: list[str]) -> np.dtype[np.void] | None:
 
 
 def read_dataflash(path: Path) -> Draft:
-    """Return the signals of a log.
+    """Return the signals of a log, binary or text.
 
     Raises
     ------
@@ -169,12 +224,13 @@ def read_dataflash(path: Path) -> Draft:
     ValueError
         If it holds too much.
     """
-    parser = _Parser()
+    with open_regular(path) as file:
+        parser = _TextParser() if file.read(len(TEXT_MAGIC)) == TEXT_MAGIC else _Parser()
     left = read_blocks(path, parser.consume)
     parameters = _parameters(parser)
     draft = Draft(source=path.name, system="ardupilot", rows={}, parameters=parameters.values)
     for signal, sources in _SIGNALS.items():
-        found = [rows for source in sources if (rows := parser.rows(source)) is not None]
+        found = [rows for source in sources if (rows := parser.rows(source)) is not None and rows.has_times()]
         if found:
             draft.rows[signal] = fastest(found)
     for signal in ("attitude", "reference"):
@@ -224,5 +280,7 @@ def _findings(parser: _Parser, left: int) -> Iterator[str]:
         yield f"file: {parser.damaged:,} bytes are damaged: left out"
     if left > 1:
         yield f"file: it ends within a message, {left:,} bytes of it are there"
+    if "EV" in parser.kept and not np.isfinite(_stamps(parser.message("EV")[1])).any():
+        yield "airborne: events have no time, that of the gyro beside them in the file is taken"
     if "ISBH" in parser.kept:
         yield "gyro: batches of the sampler (ISBD) are not used"

@@ -33,7 +33,7 @@ class FlightLog:
     source: str
     """Name of the file."""
     system: str
-    """Writer of the log: px4, ardupilot, gustproof, crazyflie or csv."""
+    """Writer of the log: px4, ardupilot, betaflight, gustproof, crazyflie or csv."""
     gyro: LogSignal
     """(n, 3) [rad/s] B."""
     command: LogSignal | None = None

@@ -1,4 +1,4 @@
-"""Commands of the motors, from the pulses of the outputs that they are at."""
+"""Commands of the motors, from what the outputs that they are at were told: pulses [us], or numbers of DShot."""
 
 from collections.abc import Mapping
 
@@ -9,6 +9,8 @@ from gustproof.types import Array
 _FUNCTIONS = (*range(33, 41), *range(82, 86))  # ArduPilot's SERVOn_FUNCTION of motors 1 to 12
 _PWM = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}  # [us] motor off and full, unless the parameters tell them
 _QUADROTOR = (1, 2, 3, 4)
+_RARELY, _NEARLY, _MOSTLY = 0.01, 0.9, 0.5  # quantiles and a share of the outputs: damaged ones are rarer
+_DSHOT, _LEAST_PWM = (48.0, 2047.0), 700.0  # DShot off and full; no pulse that turns a motor is shorter
 
 
 def motor_commands(pulses_us: Mapping[int, Array], parameters: Mapping[str, float]) -> Array | None:
@@ -24,3 +26,17 @@ def motor_commands(pulses_us: Mapping[int, Array], parameters: Mapping[str, floa
     least, most = (parameters.get(name) or usual for name, usual in _PWM.items())
     values = np.column_stack([pulses_us[output] for output in outputs])
     return np.clip((values - least) / max(most - least, 1.0), 0.0, 1.0)
+
+
+def output_commands(outputs: Array) -> Array:
+    """Return the commands (n, m) 0..1 of motors by their outputs, pulses [us] or numbers of DShot.
+
+    They are of DShot if motors turn at numbers that as pulses would stop them: sometimes much below, or nearly always.
+    A number that is mostly the same is the pulse of parked motors.
+    """
+    running = outputs[outputs > 0.0]
+    is_dshot = len(running) > 0 and np.quantile(running, _RARELY) < _LEAST_PWM
+    if len(running) and not is_dshot and np.quantile(running, _NEARLY) < _PWM["MOT_PWM_MIN"]:
+        is_dshot = np.unique(running, return_counts=True)[1].max() < _MOSTLY * len(running)
+    least, most = _DSHOT if is_dshot else _PWM.values()
+    return np.clip((outputs - least) / (most - least), 0.0, 1.0)

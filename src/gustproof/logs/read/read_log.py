@@ -9,8 +9,9 @@ import numpy as np
 from firmware_model.config.files import open_regular
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.logs.read import crazyflie, dataflash, ulog
+from gustproof.logs.read import betaflight, crazyflie, dataflash, ulog
 from gustproof.logs.read.assemble import Draft, assemble
+from gustproof.logs.read.betaflight import read_betaflight
 from gustproof.logs.read.crazyflie import read_crazyflie
 from gustproof.logs.read.dataflash import read_dataflash
 from gustproof.logs.read.flight_log import FlightLog
@@ -32,18 +33,27 @@ _BY_MAGIC: dict[bytes, _Reader] = {
     b"\x89MCAP0\r\n": read_own_bag,
     ulog.MAGIC: read_ulog,
     dataflash.MAGIC: read_dataflash,
+    dataflash.TEXT_MAGIC: read_dataflash,
     crazyflie.MAGIC: read_crazyflie,
+    **dict.fromkeys(betaflight.MAGICS, read_betaflight),
 }
 _BY_SUFFIX: dict[str, _Reader] = {".csv": read_table, ".txt": read_table, ".tlog": _read_tlog}
-_LONGEST_MAGIC = max(map(len, _BY_MAGIC))
-_KINDS = "ULog (.ulg), DataFlash (.bin), .tlog, a bag of ours, a Crazyflie's uSD log or .csv"
+_OTHERS = {
+    b"H Product:": "a blackbox of Betaflight: decode it with `blackbox_decode`, and give the .csv",
+    b"#ROSBAG": "a bag of ROS 1: give the autopilot's own log",
+    b"SQLite format 3": "a bag of ROS 2 in SQLite: give the autopilot's own log",
+    b"PK\x03\x04": "a zip: unpack it",
+    b"\x1f\x8b": "compressed: unpack it",
+}
+_LONGEST_MAGIC = max(map(len, [*_BY_MAGIC, *_OTHERS]))
+_KINDS = "ULog (.ulg), DataFlash (.bin, .log), .tlog, a bag of ours, a Crazyflie's uSD log or a .csv"
 
 
 def read_log(path: Path) -> FlightLog:
     """Return the signals and facts of a flight's log.
 
     It may be a PX4 ULog, an ArduPilot DataFlash log, a MAVLink .tlog, or a bag of ours, folder or .mcap. Others are the
-    binary log of a Crazyflie's uSD deck, and a CSV, see `gustproof.logs.read.table`.
+    binary log of a Crazyflie's uSD deck, the CSV of Betaflight's decoder, and others, see `gustproof.logs.read.table`.
 
     Raises
     ------
@@ -88,6 +98,9 @@ def _find_reader(path: Path) -> _Reader:
         begin = file.read(_LONGEST_MAGIC)
     if not begin:
         raise ValueError("is empty")
+    for magic, what in _OTHERS.items():
+        if begin.startswith(magic):
+            raise ValueError(f"it is {what}")
     reader = next((reader for magic, reader in _BY_MAGIC.items() if begin.startswith(magic)), None)
     reader = reader or _BY_SUFFIX.get(path.suffix.lower())
     if reader is None:

@@ -2,7 +2,8 @@
 
 The first line that does not begin with `#` names the columns: a quantity and its unit, such as `p_radps` or
 `gyro_x (deg/s)`. Capitals, blanks, dots and brackets do not matter. Axes are front, right, down. Empty cells are
-samples that were not taken, so signals of different rates can share a table.
+samples that were not taken, so signals of different rates can share a table. Semicolons may separate columns, with
+commas or points in the numbers.
 
 | signal | columns | units |
 |---|---|---|
@@ -105,19 +106,16 @@ def read_table(path: Path) -> Draft:
         If a column is missing or has no unit, or a cell is no number.
     """
     with open_regular(path) as file:
-        if file.seek(0, 2) > _LARGEST:
-            raise ValueError(f"is larger than {_LARGEST / MIB:g} MiB")
-        file.seek(0)
-        names = _read_names(file)
-        time = _find(names, ("time", "t", "timestamp"), _TIMES)
-        if time is None:
-            raise ValueError("no column time_s (or time_ms, time_us, time_ns)")
+        check_size(file)
+        names = read_names(file)
+        time = _find_time(names)
         signals = _find_signals(names)
         in_air = _find(names, ("airborne", "in_air"), _SHARES)
         used = sorted({time.place, *(column.place for columns, _ in signals.values() for column in columns)})
         if in_air is not None:
             used = sorted({*used, in_air.place})
-        numbers = _read_numbers(file, len(names), used)
+        semicolons = b";" in _first_row(file)
+        numbers = read_numbers(file, len(names), used)
 
     def rows(columns: Sequence[_Column]) -> Rows:
         place = [used.index(column.place) for column in (time, *columns)]
@@ -133,10 +131,18 @@ def read_table(path: Path) -> Draft:
         rows={name: rows(columns) for name, (columns, _) in signals.items()},
         in_air=rows([in_air]) if in_air is not None else None,
         command_unit=CommandUnit.NEWTON_METRES if has_torque else CommandUnit.NORMALISED,
+        findings=["file: semicolons separate its columns"] * semicolons,
     )
 
 
-def _read_names(file: IO[bytes]) -> list[str]:
+def check_size(file: IO[bytes]) -> None:
+    """Refuse a table that is too large to be read in minutes."""
+    if file.seek(0, 2) > _LARGEST:
+        raise ValueError(f"is larger than {_LARGEST / MIB:g} MiB")
+    file.seek(0)
+
+
+def read_names(file: IO[bytes]) -> list[str]:
     """Return the names of the columns in their plain form; the file then stands at the first row."""
     line = b"#"
     while line.startswith(b"#"):
@@ -145,10 +151,18 @@ def _read_names(file: IO[bytes]) -> list[str]:
             raise ValueError(f"a line at its start has more than {_HEADER:,} bytes: not a CSV")
     if b"\0" in line or not line.strip():
         raise ValueError("no line with the names of columns: not a CSV")
-    cells = line.decode("utf-8-sig").split(",")
+    cells = line.decode("utf-8-sig").split("," if b"," in line else ";")
     if len(cells) > _COLUMNS:
         raise ValueError(f"{len(cells):,} columns; at most {_COLUMNS:,} are allowed")
     return [re.sub(r"[^a-z0-9]+", "_", cell.lower()).strip("_") for cell in cells]
+
+
+def _first_row(file: IO[bytes]) -> bytes:
+    """Return the next row, which is read again."""
+    place = file.tell()
+    row = file.readline(_HEADER)
+    file.seek(place)
+    return row
 
 
 def _find(names: Sequence[str], wanted: Sequence[str], units: _Units) -> _Column | None:
@@ -158,6 +172,15 @@ def _find(names: Sequence[str], wanted: Sequence[str], units: _Units) -> _Column
             if (full := f"{name}_{unit}".strip("_")) in names:
                 return _Column(names.index(full), scale, zero)
     return None
+
+
+def _find_time(names: Sequence[str]) -> _Column:
+    time = _find(names, ("time", "t", "timestamp"), _TIMES)
+    if time is not None:
+        return time
+    if "timestamp" in names:
+        raise ValueError("a column 'timestamp' without a unit: if it is of PX4's ulog2csv, give the .ulg")
+    raise ValueError("no column time_s (or time_ms, time_us, time_ns)")
 
 
 def _find_signals(names: Sequence[str]) -> dict[str, tuple[list[_Column], _Units]]:
@@ -191,17 +214,22 @@ def _describe_lack(names: Sequence[str], signal: str, wanted: Sequence[str], uni
     return f"{signal}: a column is missing: {ways}"
 
 
-def _read_numbers(file: IO[bytes], columns: int, used: Sequence[int]) -> Array:
+def read_numbers(file: IO[bytes], columns: int, used: Sequence[int]) -> Array:
     """Return the numbers (n, len(used)) of the rows that follow; NaN where a cell is empty."""
     import pyarrow  # the reader converts the wanted columns alone, block by block
     from pyarrow import csv
 
+    row = _first_row(file)  # of a country of decimal commas, where semicolons separate
+    separator = ";" if b";" in row else ","
     names = [str(i) for i in range(columns)]
     wanted = [names[i] for i in used]
     options: dict[str, Any] = {
         "read_options": csv.ReadOptions(column_names=names, use_threads=False),
+        "parse_options": csv.ParseOptions(delimiter=separator),
         "convert_options": csv.ConvertOptions(
-            column_types=dict.fromkeys(wanted, pyarrow.float64()), include_columns=wanted
+            decimal_point="," if separator == ";" and b"," in row else ".",
+            column_types=dict.fromkeys(wanted, pyarrow.float64()),
+            include_columns=wanted,
         ),
     }
     blocks, count = [np.empty((0, len(used)))], 0

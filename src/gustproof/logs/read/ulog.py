@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest
 from gustproof.logs.read.kept import Kept, read_blocks
+from gustproof.logs.read.pulses import output_commands
 from gustproof.types import Array
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -37,7 +38,6 @@ _FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 _SAMPLE, _MESSAGE = "timestamp_sample", "timestamp"
 _MOST_RAW = 4_000_000  # samples of the gyro: eight minutes at 8 kHz; of longer logs the other topics are used
 _LONGEST = 64  # numbers of a field
-_PWM = (1000.0, 2000.0)  # [us] motor off and full, where only its output is logged
 
 
 class _Field(NamedTuple):
@@ -190,11 +190,6 @@ def _motors(control: Array) -> Array:
     return np.nan_to_num(control[:, ~np.isnan(control).all(axis=0)])
 
 
-def _outputs(pulses_us: Array) -> Array:
-    """Return the commands 0..1 of four motors by their pulses [us]."""
-    return np.clip((pulses_us[:, :4] - _PWM[0]) / (_PWM[1] - _PWM[0]), 0.0, 1.0)
-
-
 _GYRO_FIFO = ("dt", "scale", "samples", "x", "y", "z")
 _SIGNALS = {
     "gyro": (
@@ -208,7 +203,7 @@ _SIGNALS = {
     ),
     "motors": (
         _Source("actuator_motors", ("control",), _motors, stamp=_MESSAGE),
-        _Source("actuator_outputs", ("output",), _outputs, stamp=_MESSAGE),
+        _Source("actuator_outputs", ("output",), lambda outputs: output_commands(outputs[:, :4]), stamp=_MESSAGE),
     ),
     "accelerometer": (
         _Source("sensor_combined", ("accelerometer_m_s2",)),

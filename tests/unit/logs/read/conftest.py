@@ -100,6 +100,23 @@ def dataflash(messages: Mapping[str, tuple[str, str, list[tuple[object, ...]]]])
     return b"".join(formats) + b"".join(message for _, message in sorted(rows, key=lambda row: row[0]))
 
 
+def dataflash_text(messages: Mapping[str, tuple[str, str, list[tuple[object, ...]]]]) -> bytes:
+    """Return the same as Mission Planner writes it: hundredths are scaled."""
+    lines = [f"FMT, 10, 0, {name}, {letters}, {columns}" for name, (letters, columns, _) in messages.items()]
+    rows = [
+        (row[0], ", ".join([name, *(dataflash_cell(*each) for each in zip(letters, row, strict=True))]))
+        for name, (letters, _, content) in messages.items()
+        for row in content
+    ]
+    return "\r\n".join([*lines, *(line for _, line in sorted(rows, key=lambda row: float(str(row[0])))), ""]).encode()
+
+
+def dataflash_cell(letter: str, value: object) -> str:
+    if isinstance(value, bytes):
+        return value.decode()
+    return f"{float(str(value)) / 100.0:.2f}" if letter in "cCeE" else f"{value}"
+
+
 @pytest.fixture
 def ardupilot_messages() -> dict[str, tuple[str, str, list[tuple[object, ...]]]]:
     """Two seconds of an ArduPilot: in the air from 0.5 s to 1.5 s."""
@@ -143,7 +160,15 @@ def written(tmp_path: Path) -> Callable[[str, bytes], Path]:
     return write
 
 
-SEEDS = 25  # for each format, four files a seed
+SEEDS = 20  # for each format, five files a seed
+
+
+def flip_bits(content: bytes, rng: np.random.Generator, begin: int = 0) -> bytes:
+    """Return a file with twelve bits flipped from byte `begin` on."""
+    flipped = bytearray(content)
+    for place in rng.integers(begin, len(content), size=12):
+        flipped[place] ^= 1 << int(rng.integers(8))
+    return bytes(flipped)
 
 
 def mutations(content: bytes, seed: int) -> Iterator[bytes]:
@@ -153,6 +178,7 @@ def mutations(content: bytes, seed: int) -> Iterator[bytes]:
     for place in rng.integers(len(content), size=int(rng.choice([1, 10, 300]))):
         flipped[place] = int(rng.integers(256))
     yield bytes(flipped)
+    yield flip_bits(content, rng)
     begin, end = sorted(rng.integers(len(content), size=2).tolist())
     filled = bytearray(content)
     filled[begin:end] = bytes([int(rng.choice([0, 255, 68, 163]))]) * (end - begin)
@@ -194,15 +220,46 @@ def check_mutations(written: Callable[[str, bytes], Path]) -> Callable[..., None
 
 
 @pytest.fixture
+def flipped() -> Callable[..., bytes]:
+    """Return the function that flips bits, see `flip_bits`."""
+    return flip_bits
+
+
+@pytest.fixture
 def make_ulog() -> Callable[..., bytes]:
     """Return the writer of ULogs, see `ulog`."""
     return ulog
 
 
 @pytest.fixture
+def make_topic() -> Callable[..., list[bytes]]:
+    """Return the writer of topics, see `ulog_topic`."""
+    return ulog_topic
+
+
+@pytest.fixture
 def make_dataflash() -> Callable[..., bytes]:
     """Return the writer of DataFlash logs, see `dataflash`."""
     return dataflash
+
+
+@pytest.fixture
+def make_dataflash_text() -> Callable[..., bytes]:
+    """Return the writer of DataFlash logs as text, see `dataflash_text`."""
+    return dataflash_text
+
+
+@pytest.fixture
+def betaflight_log() -> bytes:
+    """Two seconds of Betaflight's decoder: DShot, the gyro in whole deg/s."""
+    names = ["time (us)", *(f"axis{t}[{i}]" for t in "PID" for i in range(3) if (t, i) != ("D", 2))]
+    names += [f"{kind}[{i}]" for kind in ("setpoint", "gyroADC") for i in range(3)]
+    names = ["loopIteration", *names, *(f"motor[{i}]" for i in range(4)), "flightModeFlags (flags)"]
+    rows = [
+        [i, 9_000_000 + 4000 * i, 100, 50, -40, 10, 20, 30, -10, 5, 0, 0, 0, i % 90, 20, -30, *[747 + i % 7] * 4, "0"]
+        for i in range(500)
+    ]
+    return "\n".join(", ".join(map(str, row)) for row in [names, *rows]).encode() + b"\n"
 
 
 @pytest.fixture

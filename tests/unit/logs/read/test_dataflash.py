@@ -73,6 +73,43 @@ def test_read_log_of_ardupilot_without_events_goes_by_the_motors(
     assert log.airborne[0][0] == pytest.approx(1.0)
 
 
+def test_read_log_of_ardupilot_as_text_is_that_of_the_binary(
+    written: Write, ardupilot_log: bytes, ardupilot_messages: Messages, make_dataflash_text: Callable[..., bytes]
+) -> None:
+    text, binary = (
+        read_log(written(name, content))
+        for name, content in (("a.log", make_dataflash_text(ardupilot_messages)), ("a.bin", ardupilot_log))
+    )
+    for signal in ("gyro", "command", "motors", "accelerometer", "attitude", "reference"):
+        assert np.allclose(getattr(text, signal).time, getattr(binary, signal).time, atol=1e-9)
+        assert np.allclose(getattr(text, signal).values, getattr(binary, signal).values, atol=1e-6)
+    assert text.airborne == binary.airborne
+    assert text.parameters == pytest.approx(binary.parameters)
+    assert text.findings == binary.findings
+
+
+def test_read_log_of_ardupilot_text_leaves_out_lines_that_are_damaged(written: Write) -> None:
+    rows = [f"IMU, {5_000_000 + 2500 * i}, {i}e-4, 0.1, 0.2" for i in range(800)]
+    rows[7:9] = ["IMU, 5017500, 0.x, 0.1, 0.2", "IMU, 5020000, 0.1"]
+    head = ["FMT, 11, 0, IMU, Qfff, TimeUS,GyrX,GyrY,GyrZ", "PARM, 1000, ATC_RAT_RLL_P, 0.135"]  # PARM has no format
+    log = read_log(written("a.log", "\n".join([*head, *rows, "IMU, 5"]).encode()))
+    assert len(log.gyro.time) == 798
+    assert log.parameters["ATC_RAT_RLL_P"] == pytest.approx(0.135)
+    assert log.findings[:2] == (
+        "file: 46 bytes are damaged: left out",
+        "file: it ends within a message, 6 bytes of it are there",
+    )
+
+
+def test_read_log_of_an_old_ardupilot_takes_events_without_a_time_by_their_place(written: Write) -> None:
+    rows = [f"IMU, {5000 + 5 * i}, 0.1, {i % 5}e-2, 0.3" for i in range(400)]
+    rows[300:300], rows[100:100] = ["EV, 18"], ["EV, 28"]
+    head = ["FMT, 11, 0, IMU, Ifff, TimeMS,GyrX,GyrY,GyrZ", "FMT, 12, 0, EV, B, Id"]
+    log = read_log(written("a.log", "\n".join([*head, *rows, ""]).encode()))
+    assert log.airborne == (pytest.approx((0.5, 1.5)),)
+    assert "airborne: events have no time, that of the gyro beside them in the file is taken" in log.findings
+
+
 def test_read_log_of_ardupilot_tells_damage_and_reads_on_after_it(written: Write, ardupilot_log: bytes) -> None:
     damaged = bytearray(ardupilot_log)
     middle = len(damaged) // 2

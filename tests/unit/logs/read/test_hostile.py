@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
+import numpy as np
 import pytest
 
 from firmware_model.config.scenario import load_scenario
@@ -23,19 +24,46 @@ Check = Callable[..., None]
 EXCERPT = Path(__file__).parent / "data" / "crazyflie.log"
 
 
-@pytest.mark.parametrize("kind", ["px4", "ardupilot", "crazyflie", "bag", "csv"])
+@pytest.mark.parametrize("kind", ["px4", "ardupilot", "text", "betaflight", "crazyflie", "bag", "csv"])
 def test_read_log_of_mutated_files(
-    check_mutations: Check, px4_log: bytes, ardupilot_log: bytes, tmp_path: Path, kind: str
+    check_mutations: Check,
+    px4_log: bytes,
+    ardupilot_log: bytes,
+    ardupilot_messages: dict[str, tuple[str, str, list[tuple[object, ...]]]],
+    betaflight_log: bytes,
+    make_dataflash_text: Callable[..., bytes],
+    tmp_path: Path,
+    kind: str,
 ) -> None:
     rows = b"".join(b"%d,1.5,-2,3e1\n" % i for i in range(300))
     sources: dict[str, Callable[[], tuple[str, bytes]]] = {
         "px4": lambda: ("a.ulg", px4_log),
         "ardupilot": lambda: ("a.bin", ardupilot_log),
+        "text": lambda: ("a.log", make_dataflash_text(ardupilot_messages)),
+        "betaflight": lambda: ("a.csv", betaflight_log),
         "crazyflie": lambda: ("log00", EXCERPT.read_bytes()),
         "bag": lambda: ("a.mcap", own_bag(tmp_path)),
         "csv": lambda: ("a.csv", b"time_s,p_dps,q_dps,r_dps\n" + rows),
     }
     check_mutations(*sources[kind]())
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_flipped_bits_cost_few_samples(
+    written: Write, flipped: Callable[..., bytes], px4_log: bytes, ardupilot_log: bytes, kind: str
+) -> None:
+    content, rng = {"px4": px4_log, "ardupilot": ardupilot_log}[kind], np.random.default_rng(8)
+    whole = read_log(written("whole", content))
+    for _ in range(40):
+        log = read_log(written("flipped", flipped(content, rng, begin=2000)))
+        for name in ("gyro", "command"):
+            signal, truth = getattr(log, name), getattr(whole, name)
+            assert len(signal.time) > 0.7 * len(truth.time)  # to the next mark after a wrong length
+            place = np.searchsorted(truth.time, signal.time - 1e-9)
+            right = (abs(truth.time[place] - signal.time) < 1e-5) & (
+                abs(truth.values[place] - signal.values) < 1e-6
+            ).all(1)
+            assert np.count_nonzero(~right) <= 12
 
 
 def test_read_log_of_mutations_that_the_checksum_does_not_tell(check_mutations: Check) -> None:
@@ -64,6 +92,11 @@ def own_bag(folder: Path) -> bytes:
         ("log00", b"\xbc", "its checksum is wrong"),
         ("a.mcap", b"\x89MCAP0\r\n", "not an MCAP file"),
         ("a.csv", b"\xff\xfe\x00\x01", "not a CSV"),
+        ("a.bbl", b"H Product:Blackbox flight data", "decode it with `blackbox_decode`, and give the .csv"),
+        ("a.csv", b"loopIteration, time (us), motor[0]\n0, 1, 2\n", "without the column gyroadc_0"),
+        ("a.csv", b"timestamp,timestamp_sample,xyz[0]\n1,2,3\n", "of PX4's ulog2csv, give the .ulg"),
+        ("a.bag", b"#ROSBAG V2.0\n", "a bag of ROS 1"),
+        ("a.log", b"FMT, " + bytes(9000), "a line of it has more than 4,096 bytes"),
         ("a.csv", b"time_s,p_dps,q_dps,r_dps\xff\n", "it is damaged"),
     ],
 )

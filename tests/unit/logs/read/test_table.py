@@ -37,6 +37,16 @@ def test_read_log_of_a_table_takes_columns_by_name_and_unit(tmp_path: Path, flow
     assert log.attitude is None
 
 
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_read_log_of_a_table_with_semicolons(tmp_path: Path, flown: np.ndarray, decimal: str) -> None:
+    path = tmp_path / "log.csv"
+    rows = [";".join(f"{number:.6f}".replace(".", decimal) for number in row) for row in flown]
+    path.write_text("\n".join(["time_s;p_dps;q_dps;r_dps", *rows]))
+    log = read_log(path)
+    assert np.allclose(log.gyro.values, np.deg2rad(flown[:, 1:]), atol=1e-7)
+    assert log.findings[0] == "file: semicolons separate its columns"
+
+
 def test_read_log_of_a_table_leaves_out_empty_cells(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     lines = [f"{0.001 * i},0.1,.2,-.3," + (f"{0.01 * i},0,0" if i % 4 == 0 else ",,") for i in range(800)]

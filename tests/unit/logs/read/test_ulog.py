@@ -73,6 +73,42 @@ def test_read_log_of_px4_takes_the_fastest_gyro(
     assert log.gyro.values[1234] == pytest.approx([1.234, 1.234, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("parked", "off", "full", "hover"),
+    [
+        (900.0, 1000.0, 2000.0, 1500.0),
+        (0.0, 48.0, 2047.0, 940.0),
+        (48.0, 48.0, 2047.0, 1300.0),
+        (0.0, 1000.0, 2000.0, 1100.0),
+    ],
+)
+def test_read_log_of_px4_tells_pulses_from_dshot(
+    written: Write,
+    make_ulog: Callable[..., bytes],
+    make_topic: Callable[..., list[bytes]],
+    parked: float,
+    off: float,
+    full: float,
+    hover: float,
+) -> None:
+    stamps = [1_000_000 + 4000 * i for i in range(1000)]
+    gyro = make_topic(
+        1, "sensor_gyro", "uint64_t timestamp;float x;float y;float z", [(t, 0.1, 0.2, t % 7) for t in stamps]
+    )
+    turning = [
+        (t, *(hover + 7.0 * (i % 5) + t % 3 if t > 2_500_000 else parked for i in range(4))) for t in stamps[::2]
+    ]
+    log = read_log(
+        written(
+            "a.ulg", make_ulog([gyro, make_topic(2, "actuator_outputs", "uint64_t timestamp;float[4] output", turning)])
+        )
+    )
+    assert log.motors is not None
+    assert log.motors.values[-1, 0] == pytest.approx((turning[-1][1] - off) / (full - off))
+    assert log.motors.values[0, 0] == 0.0
+    assert log.airborne == (pytest.approx((1.5, 4.0), abs=0.01),)
+
+
 def test_read_log_of_px4_leaves_out_too_many_raw_samples(
     written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
