@@ -80,7 +80,7 @@ class _Columns(NamedTuple):
     scale: float
     """[rad/s] of a step of the gyro's numbers."""
     guessed: bool
-    """Whether that is not in the file."""
+    """True if the file has no unit of them."""
 
     @property
     def used(self) -> list[int]:
