@@ -14,6 +14,13 @@ EQUAL_SLEWS = 0.01
 """[-] largest relative distance of slews that the README calls equal."""
 
 
+def test_it_leads_to_every_page_of_the_guide() -> None:
+    pages = set(
+        re.findall(r"\]\((\w[\w-]*\.md)\)", (ROOT / "src/gustproof/guide/index.md").read_text(encoding="utf-8"))
+    )
+    assert pages - set(re.findall(r"guide/([\w-]+\.md)", README)) == {"options.md"}  # made with the guide
+
+
 def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= MOST_LINES
 

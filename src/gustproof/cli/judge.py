@@ -17,6 +17,7 @@ from gustproof.cli.options import (
     check_output,
     is_given,
     parse_positive_vector,
+    print_again,
     print_json,
     print_next,
     progress,
@@ -103,7 +104,7 @@ def judge(
         print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
     else:
         _print(found, improved, remarks, [*in_vain, *map("{} is written".format, written)])
-        _print_next(found, tuned, gains, vehicle, air, better)
+        _print_next(context, found, tuned, vehicles.nominal, better)
     if in_vain and better:
         raise ConfigError(f"{NONE_BETTER}: {better} is not written")
     if found.verdict is not Verdict.SOUND:
@@ -111,11 +112,10 @@ def judge(
 
 
 def _print_next(
+    context: typer.Context,
     found: "Judgement",
     tuned: "AutopilotTuning | Tuning | None",
-    gains: str,
-    vehicle: str,
-    air: str,
+    vehicle: "Vehicle",
     better: Path | None,
 ) -> None:
     """Print the way from a verdict to the board: better gains, a flight of the autopilot, or the law's export."""
@@ -123,14 +123,45 @@ def _print_next(
     from gustproof.studies.rate.judge import Verdict
 
     kind, is_better = autopilot_kind(found.law), tuned is not None and better is not None
-    chosen = str(better) if is_better else gains
+    named = context.params["vehicle"]
+    chosen = str(better) if is_better else context.params["gains"]
+    stem = Path(chosen).stem
     if not is_better and found.verdict is not Verdict.SOUND:
-        if kind and tuned is not None:
-            print_next("judge", gains, "--vehicle", vehicle, "--better", f"better{PARAMETER_SUFFIXES[0]}")
+        if better is None and (kind is None or tuned is not None):
+            print_again(context, "--better", stem + {None: "-better.json"}.get(kind, f"-better{PARAMETER_SUFFIXES[0]}"))
     elif kind is None:
-        print_next("export", chosen, "--vehicle", vehicle, "--px4", f"{Path(chosen).stem}-px4")
-    elif Path(chosen).suffix in PARAMETER_SUFFIXES:
-        print_next("fly", air, "--autopilot", kind, "--params", chosen, "--vehicle", vehicle)
+        print_next("export", chosen, *_export_words(found.law, vehicle, named, stem))
+    elif Path(chosen).suffix in PARAMETER_SUFFIXES and _flies_its_rotors(vehicle):
+        print_next("fly", context.params["air"], "--autopilot", kind, "--params", chosen, "--vehicle", named)
+
+
+def _export_words(law: "Law", vehicle: "Vehicle", named: str, stem: str) -> tuple[str, ...]:
+    """Return how a law is exported: for the autopilot of the vehicle's log or PX4, as C where that is not possible."""
+    from firmware_model.config.firmware import ardupilot_full_torque, check_measured, measured_torque
+    from gustproof.law.form import Output
+    from gustproof.law.write.firmware.folders import Firmware
+
+    firmwares = [each.value for each in Firmware]
+    logged = vehicle.command.autopilot if vehicle.command else ""
+    firmware = logged if logged in firmwares else "px4"
+    try:
+        check_measured(vehicle)
+        if measured_torque(firmware, vehicle) is None and firmware == "ardupilot":
+            ardupilot_full_torque(vehicle)
+    except ConfigError:
+        return "-o", f"{stem}.c"
+    to_folder = "--vehicle", named, f"--{firmware}", f"{stem}-{firmware}"
+    return to_folder if law.output is Output.TORQUE else ("-o", f"{stem}.c")
+
+
+def _flies_its_rotors(vehicle: "Vehicle") -> bool:
+    from firmware_model.config.firmware import check_rotors
+
+    try:
+        check_rotors(vehicle)
+    except ConfigError:
+        return False
+    return True
 
 
 def _tell_default(context: typer.Context, vehicle: str, *, is_autopilot: bool) -> None:

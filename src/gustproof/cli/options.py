@@ -116,6 +116,24 @@ def print_next(*words: object) -> None:
     print("next: " + printable(shlex.join(["gustproof", *map(str, words)])))
 
 
+def print_again(context: typer.Context, *words: object, without: Iterable[str] = ()) -> None:
+    """Print the present command again as the next one, with `words` added; it writes no other file a second time.
+
+    Options of outputs, which exist by now, and of `without` are left out.
+    """
+    said: list[object] = []
+    level: Any = context
+    while level.parent:  # the root has the program's name, which may be that of an interpreter
+        said, level = [level.info_name, *said], level.parent
+    for each in context.command.params:
+        value = context.params.get(each.name or "")
+        if not is_given(context, each.name or "") or each.name in {"as_json", "force", "output", *without}:
+            continue
+        flags = [*each.opts[:1]] if each.param_type_name == "option" else []
+        said += flags if value is True else [*flags, getattr(value, "value", value)]
+    print_next(*said, *words)
+
+
 def check_output(path: Path | None, suffix: str | tuple[str, ...], kind: str) -> None:
     """Refuse an output file with none of the suffixes, in no folder, or one that exists unless `Force` is given.
 

@@ -1,15 +1,21 @@
 """The command `gustproof report`: flights or a campaign as an HTML page."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.flights import complete_recordings
-from gustproof.cli.options import Force, check_output, working
+from gustproof.cli.options import Force, check_output, print_next, working
 from gustproof.flight.recording.folder import find_bags
 from gustproof.flight.recording.layout import LAYOUTS, save_layout
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from firmware_model.config.scenario import Scenario
+    from gustproof.show.report.html.runs import ReportRun
 
 
 def report(
@@ -57,3 +63,17 @@ def report(
         flights = read_runs(runs)
         write_report(flights, output)
     print(f"{len(flights)} flight{'s' if len(flights) != 1 else ''} in {output}")
+    _print_next(flights)
+
+
+def _print_next(flights: "Sequence[ReportRun]") -> None:
+    excited = [each.bag for each in flights if _excites_all_axes(each.scenario)]
+    if excited:
+        print_next("identify", excited[0], "-o", "my-quad.toml")
+    elif not any(each.autopilot for each in flights):
+        print_next("fly", "doublets")
+
+
+def _excites_all_axes(scenario: "Scenario") -> bool:
+    """Return whether set-points move roll, pitch and yaw, as a vehicle's identification wants."""
+    return all(len(set(angles)) > 1 for angles in zip(*(euler for _, euler in scenario.references), strict=True))

@@ -21,9 +21,15 @@ class WithDefault(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the name of the command that is meant before its arguments."""
-        if args and (args[0] in self.commands or args[0] == "--help"):
+        if args[:1] == ["--help"] or (args[0] in self.commands if args else ctx.resilient_parsing):
             return super().parse_args(ctx, args)
         return super().parse_args(ctx, [self.find_meant(args), *args])
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Complete to the names of the modes, and to the options of the one that does not need its name."""
+        default = self.commands[self.default]
+        alone = default.make_context(self.default, [], parent=ctx, resilient_parsing=True)
+        return [*super().shell_complete(ctx, incomplete), *default.shell_complete(alone, incomplete)]
 
     def find_meant(self, args: list[str]) -> str:
         """Return the name of the command that arguments are for."""

@@ -15,6 +15,7 @@ from gustproof.cli.options import (
     check_figure,
     check_output,
     complete,
+    print_again,
     print_json,
     print_next,
     progress,
@@ -101,6 +102,9 @@ def tune(
         _tune_autopilot(autopilot, vehicles, script, slew, ms, output, as_json=as_json)
     if output is not None and not as_json:
         print_next("judge", output, "--vehicle", vehicle)
+    elif not as_json:
+        suffix = ".json" if autopilot is None else PARAMETER_SUFFIXES[0]
+        print_again(context, "-o", Path(vehicle).stem + suffix, without=("figure", "style", "data"))
 
 
 def _tune_law(

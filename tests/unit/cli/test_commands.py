@@ -134,7 +134,8 @@ def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
     monkeypatch.setattr("gustproof.design.autopilot_gains.tune_gains", lambda *_, **__: tuning)
     told = "(0.0487 deg by its own attitude, without the walk of the gyro's noise), torque slew 21.3 N m/s, Ms 1.40"
     result = run("tune", "paper", "--for", "px4")
-    assert result.stdout == f"MC_ROLL_P 5\npredicted: error 0.0859 deg {told}\n"
+    next_line = "next: gustproof tune paper --for px4 -o paper.params\n"
+    assert result.stdout == f"MC_ROLL_P 5\npredicted: error 0.0859 deg {told}\n{next_line}"
     document = json.loads(run("tune", "paper", "--for", "px4", "--json").stdout)
     assert 0.5 * document["true_rmse_deg"] < document["rmse_deg"] < 0.05
 

@@ -1,6 +1,7 @@
 """Help that fits on a screen: options and lines of every command at 80 columns, in the order of the main road."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,8 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from firmware_model.config.vehicle import FullScale, MeasuredCommand, load_vehicle
 from gustproof.cli.app import PANELS, app
 from gustproof.cli.judge import _print_next
+from gustproof.law.form import load_law
 from gustproof.studies.rate import advice
 from gustproof.studies.rate.judge import Verdict
 
@@ -61,11 +64,24 @@ def test_every_mode_of_a_group_is_told_by_its_help(helps: dict[str, list[str]]) 
     ("kind", "gains", "verdict", "better", "words"),
     [
         (None, "my-law.json", Verdict.SOUND, None, "export my-law.json --vehicle q.toml --px4 my-law-px4"),
-        (None, "my-law.json", Verdict.FRAGILE, None, None),
+        (None, "a b.json", Verdict.FRAGILE, None, "judge 'a b.json' --vehicle q.toml --better 'a b-better.json'"),
+        (None, "a.json", Verdict.SOUND, None, "export a.json -o a.c"),
         (None, "my-law.json", Verdict.FRAGILE, "b.json", "export b.json --vehicle q.toml --px4 b-px4"),
-        ("px4", "my.params", Verdict.SOUND, None, "fly air --autopilot px4 --params my.params --vehicle q.toml"),
-        ("px4", "my.params", Verdict.FRAGILE, None, "judge my.params --vehicle q.toml --better better.params"),
-        ("px4", "a.ulg", Verdict.FRAGILE, "b.params", "fly air --autopilot px4 --params b.params --vehicle q.toml"),
+        (
+            "px4",
+            "my.params",
+            Verdict.SOUND,
+            None,
+            "fly paper-turbulence --autopilot px4 --params my.params --vehicle q.toml",
+        ),
+        ("px4", "my.params", Verdict.FRAGILE, None, "judge my.params --vehicle q.toml --better my-better.params"),
+        (
+            "px4",
+            "a.ulg",
+            Verdict.FRAGILE,
+            "b.params",
+            "fly paper-turbulence --autopilot px4 --params b.params --vehicle q.toml",
+        ),
         ("px4", "a.ulg", Verdict.SOUND, None, None),
     ],
 )
@@ -74,9 +90,15 @@ def test_a_verdict_is_followed_by_the_command_that_leads_to_the_board(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.setattr(advice, "autopilot_kind", lambda _: kind)
-    found: Any = SimpleNamespace(law=None, verdict=verdict)
+    found: Any = SimpleNamespace(law=load_law("flagship"), verdict=verdict)
     tuned: Any = SimpleNamespace() if better or kind else None
-    _print_next(found, tuned, gains, "q.toml", "air", None if better is None else Path(better))
+    group: Any = typer.main.get_command(app)
+    given = [gains, "--vehicle", "q.toml", *(["--better", better] if better else [])]
+    context = group.commands["judge"].make_context("judge", given, parent=group.context_class(group))
+    vehicle = load_vehicle("paper")
+    if words == "export a.json -o a.c":  # a vehicle from a log that does not tell what a command gives
+        vehicle = replace(vehicle, command=MeasuredCommand(autopilot="csv", full_scale=FullScale.UNKNOWN, delay=0.0))
+    _print_next(context, found, tuned, vehicle, None if better is None else Path(better))
     assert capsys.readouterr().out == ("" if words is None else f"next: gustproof {words}\n")
 
 

@@ -103,6 +103,8 @@ def test_the_version_is_one_line():
         ("gustproof fly paper --law flag", "flagship"),
         ("gustproof controller --law flag", "flagship"),
         ("gustproof autopilot --he", "--held"),
+        ("gustproof autopilot st", "stand"),
+        ("gustproof identify ra", "rates"),
         ("gustproof design hinfsyn D", "D1"),
         ("gustproof design l", "list"),
         ("gustproof vehicle show i", "iris"),

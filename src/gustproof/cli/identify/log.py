@@ -1,6 +1,5 @@
 """The command `gustproof identify log`: vehicle, air and sensors from the log of a flight."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.options import AsJson, Force, check_output, parse_positive_vector, print_json, print_next, progress
+from gustproof.cli.options import (
+    AsJson,
+    Force,
+    check_output,
+    parse_positive_vector,
+    print_again,
+    print_json,
+    print_next,
+    progress,
+)
 
 if TYPE_CHECKING:
     from gustproof.logs.identify.air import IdentifiedAir
@@ -21,6 +29,7 @@ _Outputs = dict[str, Path | None]
 
 
 def identify(
+    context: typer.Context,
     log: Annotated[
         Path,
         typer.Argument(
@@ -93,19 +102,18 @@ def identify(
     from gustproof.show.report.vehicle_numbers import render_identification
 
     show(render_identification(found, air, findings))
-    _tell_outputs(outputs, has_vehicle=vehicle is not None)
+    _tell_outputs(context, outputs, has_vehicle=vehicle is not None)
 
 
-def _tell_outputs(outputs: _Outputs, *, has_vehicle: bool) -> None:
-    """Print the files that are written, and the next command, or how to get a vehicle for it."""
+def _tell_outputs(context: typer.Context, outputs: _Outputs, *, has_vehicle: bool) -> None:
+    """Print the files that are written, and the next command, which wants a vehicle."""
     for kind, path in outputs.items():
         if path is not None:
             print(f"{kind} in {path}")
     if output := outputs["vehicle"]:
         print_next("tune", output, "-o", output.with_suffix(".json"))
     elif has_vehicle:
-        written = "no vehicle" if any(outputs.values()) else "nothing"
-        print(f"gustproof: {written} written: give -o my-quad.toml for the vehicle", file=sys.stderr)
+        print_again(context, "-o", "my-quad.toml", without=outputs)
 
 
 def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLog":
