@@ -128,7 +128,9 @@ def _print_next(
     stem = Path(chosen).stem
     if not is_better and found.verdict is not Verdict.SOUND:
         if better is None and (kind is None or tuned is not None):
-            print_again(context, "--better", stem + {None: "-better.json"}.get(kind, f"-better{PARAMETER_SUFFIXES[0]}"))
+            print_again(
+                context, "--better", stem + ("-better.json", f"-better{PARAMETER_SUFFIXES[0]}")[kind is not None]
+            )
     elif kind is None:
         print_next("export", chosen, *_export_words(found.law, vehicle, named, stem))
     elif Path(chosen).suffix in PARAMETER_SUFFIXES and _flies_its_rotors(vehicle):
