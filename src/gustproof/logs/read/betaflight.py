@@ -47,13 +47,13 @@ def read_betaflight(path: Path) -> Draft:
     with open_regular(path) as file:
         check_size(file)
         columns = _choose(_skip_headers(file))
-        numbers = read_numbers(file, columns.total, columns.used)
+        numbers, findings = read_numbers(file, columns.total, columns.used)
     position, time_us = np.arange(len(numbers)), numbers[:, 0]
 
     def rows(values: Array) -> Rows:
         return Rows(position=position, time_us=time_us, values=values)
 
-    draft = Draft(source=path.name, system="betaflight", rows={})
+    draft = Draft(source=path.name, system="betaflight", rows={}, findings=findings)
     draft.rows["gyro"] = rows(numbers[:, 1:4] * columns.scale * _TURNED)
     places = np.cumsum([4, *(len(row) for row in columns.terms)])
     if all(columns.terms):

@@ -19,6 +19,7 @@ commas or points in the numbers.
 
 import math
 import re
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -34,6 +35,7 @@ from gustproof.types import Array
 _HEADER = 64 * 1024  # [bytes] of names
 _COLUMNS = 1000
 _NUMBERS = 12_000_000  # of the columns that are used: eleven minutes of 18 at 1 kHz
+_FEW_DAMAGED = 0.05  # of the rows; of more the first is told
 _LARGEST = 256 * MIB
 _DEGREE = math.pi / 180.0
 
@@ -114,8 +116,7 @@ def read_table(path: Path) -> Draft:
         used = sorted({time.place, *(column.place for columns, _ in signals.values() for column in columns)})
         if in_air is not None:
             used = sorted({*used, in_air.place})
-        semicolons = b";" in _first_row(file)
-        numbers = read_numbers(file, len(names), used)
+        numbers, findings = read_numbers(file, len(names), used)
 
     def rows(columns: Sequence[_Column]) -> Rows:
         place = [used.index(column.place) for column in (time, *columns)]
@@ -131,7 +132,7 @@ def read_table(path: Path) -> Draft:
         rows={name: rows(columns) for name, (columns, _) in signals.items()},
         in_air=rows([in_air]) if in_air is not None else None,
         command_unit=CommandUnit.NEWTON_METRES if has_torque else CommandUnit.NORMALISED,
-        findings=["file: semicolons separate its columns"] * semicolons,
+        findings=findings,
     )
 
 
@@ -214,22 +215,37 @@ def _describe_lack(names: Sequence[str], signal: str, wanted: Sequence[str], uni
     return f"{signal}: a column is missing: {ways}"
 
 
-def read_numbers(file: IO[bytes], columns: int, used: Sequence[int]) -> Array:
-    """Return the numbers (n, len(used)) of the rows that follow; NaN where a cell is empty."""
+def read_numbers(file: IO[bytes], columns: int, used: Sequence[int]) -> tuple[Array, list[str]]:
+    """Return the numbers (n, len(used)) of the rows that follow, and what was left out; NaN where a cell is empty.
+
+    A few rows that are damaged are left out; of more the first is refused.
+    """
+    start, row = file.tell(), _first_row(file)
+    separator = ";" if b";" in row else ","  # of a country of decimal commas, where semicolons separate
+    decimal = "," if separator == ";" and b"," in row else "."
+    findings = ["file: semicolons separate its columns"] * (separator == ";")
+    numbers, fault = _read_sound(file, columns, used, separator, decimal)
+    if fault:
+        file.seek(start)
+        numbers, count = _read_damaged(file, columns, used, separator.encode(), decimal.encode())
+        if count > _FEW_DAMAGED * len(numbers) or len(numbers) == 0:
+            raise ValueError(fault)
+        findings.append(f"file: {count:,} rows are damaged: left out")
+    return numbers, findings
+
+
+def _read_sound(file: IO[bytes], columns: int, used: Sequence[int], separator: str, decimal: str) -> tuple[Array, str]:
+    """Return the numbers of the rows that follow, and an empty text; of a damaged table what is wrong with it."""
     import pyarrow  # the reader converts the wanted columns alone, block by block
     from pyarrow import csv
 
-    row = _first_row(file)  # of a country of decimal commas, where semicolons separate
-    separator = ";" if b";" in row else ","
     names = [str(i) for i in range(columns)]
     wanted = [names[i] for i in used]
     options: dict[str, Any] = {
         "read_options": csv.ReadOptions(column_names=names, use_threads=False),
         "parse_options": csv.ParseOptions(delimiter=separator),
         "convert_options": csv.ConvertOptions(
-            decimal_point="," if separator == ";" and b"," in row else ".",
-            column_types=dict.fromkeys(wanted, pyarrow.float64()),
-            include_columns=wanted,
+            decimal_point=decimal, column_types=dict.fromkeys(wanted, pyarrow.float64()), include_columns=wanted
         ),
     }
     blocks, count = [np.empty((0, len(used)))], 0
@@ -237,9 +253,30 @@ def read_numbers(file: IO[bytes], columns: int, used: Sequence[int]) -> Array:
         for batch in csv.open_csv(file, **options):
             blocks.append(stack([column.to_numpy(zero_copy_only=False) for column in batch.columns]))
             count += blocks[-1].size
-            if count > _NUMBERS:
-                raise ValueError(f"more than {_NUMBERS:,} numbers in the columns that are used: cut it")
+            _check_count(count)
     except pyarrow.ArrowInvalid as error:
         text = str(error).splitlines()[0]
-        raise ValueError(re.sub(r"In CSV column #(\d+)", lambda match: f"column {int(match[1]) + 1}", text)) from None
-    return np.concatenate(blocks)
+        return blocks[0], re.sub(r"In CSV column #(\d+)", lambda match: f"column {int(match[1]) + 1}", text)
+    return np.concatenate(blocks), ""
+
+
+def _check_count(count: int) -> None:
+    if count > _NUMBERS:
+        raise ValueError(f"more than {_NUMBERS:,} numbers in the columns that are used: cut it")
+
+
+def _read_damaged(
+    file: IO[bytes], columns: int, used: Sequence[int], separator: bytes, decimal: bytes
+) -> tuple[Array, int]:
+    """Return the numbers of the rows that are sound, and the number of the others."""
+    numbers, damaged = array("d"), 0
+    while line := file.readline(_HEADER):
+        cells = line.strip().replace(b'"', b"").split(separator)
+        try:
+            if len(cells) != columns:
+                raise ValueError
+            numbers.extend([float(cells[i].replace(decimal, b".") or math.nan) for i in used])
+        except ValueError:
+            damaged += bool(line.strip())
+        _check_count(len(numbers))
+    return np.frombuffer(numbers).reshape(-1, len(used)), damaged

@@ -93,6 +93,16 @@ def test_read_log_of_a_table_names_the_bad_cell(tmp_path: Path, text: str, fault
     assert str(told.value) == f"{path}: {fault}"
 
 
+def test_read_log_of_a_table_leaves_out_a_few_damaged_rows(tmp_path: Path, flown: np.ndarray) -> None:
+    path = write(tmp_path / "log.csv", "time_s,p_dps,q_dps,r_dps", flown)
+    lines = path.read_bytes().splitlines()
+    lines[50:55] = [b'0.098,"1,2,3', b"0.1,x,2,3", b"0.102,1,2", b"\0\xff,1,2,3", b"0.106,,2,3"]
+    path.write_bytes(b"\n".join(lines)[:-9])  # cut off within a row
+    log = read_log(path)
+    assert len(log.gyro.time) == 396
+    assert log.findings[0] == "file: 3 rows are damaged: left out"
+
+
 def test_read_log_of_a_table_bounds_what_it_reads(
     tmp_path: Path, flown: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
