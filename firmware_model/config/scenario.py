@@ -57,7 +57,7 @@ class AccelerometerFault:
 
 
 @strict_dataclass
-class NoiseTurn:
+class NoiseRotation:
     """Turn of all random numbers of gusts and sensors: noise becomes cos(angle) noise + sin(angle) other noise."""
 
     seed: Annotated[int, Field(ge=0, lt=2**32)]
@@ -113,7 +113,7 @@ class Scenario:
     """Events at stated times."""
     require: Annotated[tuple[Requirement, ...], _MANY] = ()
     """Requirements."""
-    turn: Annotated[tuple[NoiseTurn, ...], _MANY] = ()
+    turn: Annotated[tuple[NoiseRotation, ...], _MANY] = ()
     """Turns, in order, of the random numbers that the flight's seed gives; `campaign rare` finds them."""
 
     @model_validator(mode="after")

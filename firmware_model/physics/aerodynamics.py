@@ -71,7 +71,7 @@ class Derivatives(NamedTuple):
     """[rad/(s*m)] pitch by air along x."""
 
 
-class Surroundings(NamedTuple):
+class ExternalLoads(NamedTuple):
     """Drag and moments from outside, divided by mass and inertia; constant over a sample."""
 
     hover: Derivatives
@@ -84,7 +84,7 @@ class Surroundings(NamedTuple):
     """[rad/s^2] B, by moments from outside and angular gusts."""
 
 
-class Acting(NamedTuple):
+class StageLoads(NamedTuple):
     """Accelerations at one time of a step that do not depend on the motion then, so that two stages may share them."""
 
     lift: float
@@ -113,7 +113,7 @@ class FreeInputs(NamedTuple):
 
     command: Wrench
     """Within the actuators' limits, units beside each number."""
-    outside: Surroundings
+    outside: ExternalLoads
     """Drag, moments and angular gusts, units beside each number."""
     air: Air
     """Gust and wind, units beside each number."""
@@ -143,7 +143,7 @@ def air_params(vehicle: Vehicle) -> AirParams:
 
 
 @kernel
-def surround(body: BodyParams, air: AirParams, gust_z: float, turn_B: Vector) -> Surroundings:
+def surround(body: BodyParams, air: AirParams, gust_z: float, turn_B: Vector) -> ExternalLoads:
     """Return drag and moments in a vertical gust [m/s], with an angular acceleration [rad/s^2] B from outside."""
     L, M, N = gust_moment(air.gust_gain, air.gust_yaw_ratio, (1.0, 1.0, gust_z))
     hover = Derivatives(
@@ -152,7 +152,7 @@ def surround(body: BodyParams, air: AirParams, gust_z: float, turn_B: Vector) ->
         L * body.inverse_I_x,
         M * body.inverse_I_y,
     )
-    return Surroundings(hover, air.body_drag * body.inverse_mass, N * body.inverse_I_z, turn_B)
+    return ExternalLoads(hover, air.body_drag * body.inverse_mass, N * body.inverse_I_z, turn_B)
 
 
 @kernel
@@ -162,26 +162,26 @@ def _rotor_speed(params: AirParams, thrust: float) -> float:
 
 
 @kernel
-def _act(params: FreeParams, given: Wrench, inputs: FreeInputs) -> Acting:
+def _stage_loads(params: FreeParams, produced: Wrench, inputs: FreeInputs) -> StageLoads:
     """Return the accelerations while sound rotors would give that much."""
-    given = given_by_rotors(params.loss, given) if inputs.failed else given
-    speed, hover = _rotor_speed(params.air, given.thrust), inputs.outside.hover
+    produced = given_by_rotors(params.loss, produced) if inputs.failed else produced
+    speed, hover = _rotor_speed(params.air, produced.thrust), inputs.outside.hover
     p, q, r = inputs.outside.turn_B
-    return Acting(
-        params.body.inverse_mass * given.thrust,
+    return StageLoads(
+        params.body.inverse_mass * produced.thrust,
         Derivatives(speed * hover.X_u, speed * hover.Z_w, speed * hover.L_v, speed * hover.M_u),
-        add_moment(params.body, (p, q, r + speed * inputs.outside.gust_yaw), given.torque_B),
+        add_moment(params.body, (p, q, r + speed * inputs.outside.gust_yaw), produced.torque_B),
     )
 
 
 @kernel
-def _meet_air(motion: Motion, air: Air) -> Vector:
+def _relative_airspeed(motion: Motion, air: Air) -> Vector:
     """Return the velocity [m/s] B of the air relative to the vehicle."""
     return add(motion.flow_B, air.gust_B)
 
 
 @kernel
-def _push(acting: Acting, outside: Surroundings, v_B: Vector) -> Vector:
+def _specific_force(loads: StageLoads, outside: ExternalLoads, v_B: Vector) -> Vector:
     """Return the acceleration [m/s^2] B by thrust and relative air [m/s] B.
 
     Rotor drag is proportional to the air's velocity and to rotor speed. Body drag is quadratic, the same in all
@@ -189,36 +189,41 @@ def _push(acting: Acting, outside: Surroundings, v_B: Vector) -> Vector:
     """
     u, v, w = v_B
     body = outside.body_drag * math.sqrt(u * u + v * v + w * w)
-    plane, axis = acting.rotors.X_u + body, acting.rotors.Z_w + body
-    return plane * u, plane * v, axis * w - acting.lift
+    plane, axis = loads.rotors.X_u + body, loads.rotors.Z_w + body
+    return plane * u, plane * v, axis * w - loads.lift
 
 
 @kernel
-def _turn(acting: Acting, v_B: Vector) -> Vector:
+def _angular_acceleration(loads: StageLoads, v_B: Vector) -> Vector:
     """Return the angular acceleration [rad/s^2] B by all moments, in relative air [m/s] B.
 
     Only gusts yaw the vehicle: a uniform stream acts on all rotors equally.
     """
-    p, q, r = acting.turn_B
-    return p + acting.rotors.L_v * v_B[1], q + acting.rotors.M_u * v_B[0], r
+    p, q, r = loads.turn_B
+    return p + loads.rotors.L_v * v_B[1], q + loads.rotors.M_u * v_B[0], r
 
 
 @kernel
-def motion_rate(params: FreeParams, motion: Motion, given: tuple[FreeInputs, Acting]) -> Motion:
+def motion_rate(params: FreeParams, motion: Motion, given: tuple[FreeInputs, StageLoads]) -> Motion:
     """Return the time derivative of a motion away from the ground, see `rigid_body.motion_rate`."""
-    inputs, acting = given
-    v_B = _meet_air(motion, inputs.air)
-    return rigid_body.motion_rate(params.body, motion, _push(acting, inputs.outside, v_B), _turn(acting, v_B))
+    inputs, loads = given
+    v_B = _relative_airspeed(motion, inputs.air)
+    return rigid_body.motion_rate(
+        params.body, motion, _specific_force(loads, inputs.outside, v_B), _angular_acceleration(loads, v_B)
+    )
 
 
 @kernel
-def _near_rate(params: FreeParams, x: _NearGround, given: tuple[FreeInputs, Acting]) -> _NearGround:
-    (inputs, acting), motion = given, x.motion
-    v_B, velocity_N = _meet_air(motion, inputs.air), _velocity(rotation_matrix(motion.q_NB), motion, inputs.air)
+def _near_rate(params: FreeParams, x: _NearGround, given: tuple[FreeInputs, StageLoads]) -> _NearGround:
+    (inputs, loads), motion = given, x.motion
+    v_B, velocity_N = (
+        _relative_airspeed(motion, inputs.air),
+        _velocity(rotation_matrix(motion.q_NB), motion, inputs.air),
+    )
     pose = Body(x.position_N, velocity_N, motion.q_NB, motion.omega_B, (0.0, 0.0, 0.0), 0.0)
     force, moment, _ = ground_wrench(params.ground, pose)
-    push = add(_push(acting, inputs.outside, v_B), scale(params.body.inverse_mass, force))
-    turn = add_moment(params.body, _turn(acting, v_B), moment)
+    push = add(_specific_force(loads, inputs.outside, v_B), scale(params.body.inverse_mass, force))
+    turn = add_moment(params.body, _angular_acceleration(loads, v_B), moment)
     return _NearGround(velocity_N, rigid_body.motion_rate(params.body, motion, push, turn))
 
 
@@ -256,45 +261,47 @@ def _velocity(R_NB: Matrix, motion: Motion, air: Air) -> Vector:
 
 
 @kernel
-def _half_path(R_NB: Matrix, motion: Motion, velocity_N: Vector, given: tuple[FreeInputs, Acting], h: float) -> Vector:
+def _half_path(
+    R_NB: Matrix, motion: Motion, velocity_N: Vector, given: tuple[FreeInputs, StageLoads], h: float
+) -> Vector:
     """Return the part [m] N of a path of `h` [s] that its start decides; for `-h`, minus the part that its end decides.
 
     The velocity along the path is the cubic through velocity and acceleration at both ends (Hermite). Its error falls
     with `h` to the fourth power. Gravity is the same at both, and cancels.
     """
-    inputs, acting = given
-    push = to_N(R_NB, _push(acting, inputs.outside, _meet_air(motion, inputs.air)))
+    inputs, loads = given
+    push = to_N(R_NB, _specific_force(loads, inputs.outside, _relative_airspeed(motion, inputs.air)))
     return add(scale(0.5 * h, velocity_N), scale(h * h / 12.0, push))
 
 
 @kernel
-def begin_sample(params: FreeParams, body: Body, inputs: FreeInputs, h: float) -> tuple[Motion, Acting, Vector]:
+def begin_sample(params: FreeParams, body: Body, inputs: FreeInputs, h: float) -> tuple[Motion, StageLoads, Vector]:
     """Return motion, accelerations and position [m] N at the start of a sample of `h` [s].
 
     The position holds a part of the sample's path already; `end_sample` adds the other.
     """
-    R_NB, acting = rotation_matrix(body.q_NB), _act(params, get_wrench(body), inputs)
+    R_NB, loads = rotation_matrix(body.q_NB), _stage_loads(params, get_wrench(body), inputs)
     motion = _get_motion(R_NB, body, inputs.air)
-    path = _half_path(R_NB, motion, body.velocity_N, (inputs, acting), h)
-    return motion, acting, add(body.position_N, path)
+    path = _half_path(R_NB, motion, body.velocity_N, (inputs, loads), h)
+    return motion, loads, add(body.position_N, path)
 
 
 @kernel
 def end_sample(
-    position_N: Vector, motion: Motion, acting: Acting, inputs: FreeInputs, h: float
+    position_N: Vector, motion: Motion, loads: StageLoads, inputs: FreeInputs, h: float
 ) -> tuple[Vector, Vector]:
     """Return position [m] and velocity [m/s] N at the end of a sample of `h` [s], from `begin_sample`'s position."""
     R_NB = rotation_matrix(motion.q_NB)
     velocity_N = _velocity(R_NB, motion, inputs.air)
-    back = _half_path(R_NB, motion, velocity_N, (inputs, acting), -h)
+    back = _half_path(R_NB, motion, velocity_N, (inputs, loads), -h)
     return (position_N[0] - back[0], position_N[1] - back[1], position_N[2] - back[2]), velocity_N
 
 
 @kernel
-def step_actuators(params: FreeParams, given: Wrench, inputs: FreeInputs) -> tuple[Acting, Wrench, Acting]:
+def step_actuators(params: FreeParams, produced: Wrench, inputs: FreeInputs) -> tuple[StageLoads, Wrench, StageLoads]:
     """Return accelerations in the middle of a step, what sound rotors give at its end, and accelerations then."""
-    middle, last = rigid_body.step_actuators(params.body, given, inputs.command)
-    return _act(params, middle, inputs), last, _act(params, last, inputs)
+    middle, last = rigid_body.step_actuators(params.body, produced, inputs.command)
+    return _stage_loads(params, middle, inputs), last, _stage_loads(params, last, inputs)
 
 
 @kernel
@@ -305,39 +312,42 @@ def fly(params: FreeParams, body: Body, inputs: FreeInputs, dt: float, steps: in
         for _ in range(steps):
             body = step_near_ground(params, body, inputs, dt)
         return body
-    motion, acting, position_N = begin_sample(params, body, inputs, h)
-    given = get_wrench(body)
+    motion, loads, position_N = begin_sample(params, body, inputs, h)
+    produced = get_wrench(body)
     for _ in range(steps):
-        middle, given, last = step_actuators(params, given, inputs)
-        stages = ((inputs, acting), (inputs, middle), (inputs, middle), (inputs, last))
-        motion, acting = _stages(params, motion, stages, dt)[1], last
+        middle, produced, last = step_actuators(params, produced, inputs)
+        stages = ((inputs, loads), (inputs, middle), (inputs, middle), (inputs, last))
+        motion, loads = _stages(params, motion, stages, dt)[1], last
     motion = with_unit_length(motion)
-    position_N, velocity_N = end_sample(position_N, motion, acting, inputs, h)
-    return Body(position_N, velocity_N, motion.q_NB, motion.omega_B, given.torque_B, given.thrust)
+    position_N, velocity_N = end_sample(position_N, motion, loads, inputs, h)
+    return Body(position_N, velocity_N, motion.q_NB, motion.omega_B, produced.torque_B, produced.thrust)
 
 
 @kernel
 def step_near_ground(params: FreeParams, body: Body, inputs: FreeInputs, dt: float) -> Body:
     """Return the state after a step of `dt` [s] with the ground near; at rest only the actuators move."""
-    motion, first = _get_motion(rotation_matrix(body.q_NB), body, inputs.air), _act(params, get_wrench(body), inputs)
-    rests = _rests(params, body, first, inputs.outside, _meet_air(motion, inputs.air))
-    middle, given, last = step_actuators(params, get_wrench(body), inputs)
+    motion, first = (
+        _get_motion(rotation_matrix(body.q_NB), body, inputs.air),
+        _stage_loads(params, get_wrench(body), inputs),
+    )
+    rests = _rests(params, body, first, inputs.outside, _relative_airspeed(motion, inputs.air))
+    middle, produced, last = step_actuators(params, get_wrench(body), inputs)
     stages = ((inputs, first), (inputs, middle), (inputs, middle), (inputs, last))
     position_N, end = _near_stages(params, _NearGround(body.position_N, motion), stages, dt)[1]
     end = with_unit_length(end)
     velocity_N = _velocity(rotation_matrix(end.q_NB), end, inputs.air)
-    after = Body(position_N, velocity_N, end.q_NB, end.omega_B, given.torque_B, given.thrust)
+    after = Body(position_N, velocity_N, end.q_NB, end.omega_B, produced.torque_B, produced.thrust)
     return at_rest(body, after) if rests else after
 
 
 @kernel
-def _rests(params: FreeParams, body: Body, acting: Acting, outside: Surroundings, v_B: Vector) -> bool:
+def _rests(params: FreeParams, body: Body, loads: StageLoads, outside: ExternalLoads, v_B: Vector) -> bool:
     """Return whether a vehicle stays at rest on the ground, whose force then balances all others.
 
     `v_B` [m/s] B is the velocity of the air relative to the vehicle.
     """
-    (p, q, r), constants = _turn(acting, v_B), params.body
-    force = scale(1.0 / constants.inverse_mass, _push(acting, outside, v_B))
+    (p, q, r), constants = _angular_acceleration(loads, v_B), params.body
+    force = scale(1.0 / constants.inverse_mass, _specific_force(loads, outside, v_B))
     moment = (p / constants.inverse_I_x, q / constants.inverse_I_y, r / constants.inverse_I_z)
     return (ground_wrench(params.ground, body)[2] > 0.0) & is_at_rest(params.ground, body, force, moment)
 
@@ -349,15 +359,15 @@ def sensor_wrench(params: FreeParams, body: Body, inputs: FreeInputs) -> tuple[V
     Specific force is acceleration less gravity, the reading of an accelerometer at the centre of mass. At rest the
     ground carries the weight; the springs' force is then not the real one.
     """
-    given, load = get_wrench(body), 0.0
-    acting = _act(params, given, inputs)
-    v_B = _meet_air(_get_motion(rotation_matrix(body.q_NB), body, inputs.air), inputs.air)
-    force = _push(acting, inputs.outside, v_B)
+    produced, load = get_wrench(body), 0.0
+    loads = _stage_loads(params, produced, inputs)
+    v_B = _relative_airspeed(_get_motion(rotation_matrix(body.q_NB), body, inputs.air), inputs.air)
+    force = _specific_force(loads, inputs.outside, v_B)
     if inputs.near_ground and can_touch_ground(params.ground, body, 0.0):
         ground, _, load = ground_wrench(params.ground, body)
         force = add(force, scale(params.body.inverse_mass, ground))
-        rests = _rests(params, body, acting, inputs.outside, v_B)
+        rests = _rests(params, body, loads, inputs.outside, v_B)
         force = rigid_body.held_force(body.q_NB) if rests else force
-    given = given_by_rotors(params.loss, given) if inputs.failed else given
-    gain = _rotor_speed(params.air, given.thrust) * params.air.gust_gain
+    produced = given_by_rotors(params.loss, produced) if inputs.failed else produced
+    gain = _rotor_speed(params.air, produced.thrust) * params.air.gust_gain
     return force, gust_moment(gain, params.air.gust_yaw_ratio, (v_B[0], v_B[1], inputs.air.gust_B[2])), load

@@ -89,21 +89,21 @@ def body_params(vehicle: Vehicle, dt: float) -> BodyParams:
 
 
 @kernel
-def _approach(lag: float, given: float, command: float) -> float:
-    return command + lag * (given - command)
+def _approach(lag: float, produced: float, command: float) -> float:
+    return command + lag * (produced - command)
 
 
 @kernel
-def _move_actuators(lag: float, given: Wrench, command: Wrench) -> Wrench:
-    (a, b, c), (L, M, N) = given.torque_B, command.torque_B
+def _move_actuators(lag: float, produced: Wrench, command: Wrench) -> Wrench:
+    (a, b, c), (L, M, N) = produced.torque_B, command.torque_B
     torque_B = (_approach(lag, a, L), _approach(lag, b, M), _approach(lag, c, N))
-    return Wrench(torque_B, _approach(lag, given.thrust, command.thrust))
+    return Wrench(torque_B, _approach(lag, produced.thrust, command.thrust))
 
 
 @kernel
-def step_actuators(params: BodyParams, given: Wrench, command: Wrench) -> tuple[Wrench, Wrench]:
+def step_actuators(params: BodyParams, produced: Wrench, command: Wrench) -> tuple[Wrench, Wrench]:
     """Return what the actuators give in the middle of a step and at its end, exactly, under a constant command."""
-    middle = _move_actuators(params.lag, given, command)
+    middle = _move_actuators(params.lag, produced, command)
     return middle, _move_actuators(params.lag, middle, command)
 
 
@@ -196,7 +196,7 @@ def _scale_quaternion(h: float, q: Quaternion) -> Quaternion:
 
 
 @kernel
-def _turn(h: float, rate: Quaternion) -> Quaternion:
+def _rotation(h: float, rate: Quaternion) -> Quaternion:
     """Return the change of attitude in `h` [s], of twice its rate: the half is taken of one number, not of four."""
     return _scale_quaternion(0.5 * h, rate)
 
@@ -209,7 +209,7 @@ def _add_quaternions(a: Quaternion, b: Quaternion) -> Quaternion:
 @kernel
 def change_motion(h: float, rate: Motion) -> Motion:
     """Return the change of a motion in `h` [s] at a time derivative."""
-    return Motion(scale(h, rate.flow_B), _turn(h, rate.q_NB), scale(h, rate.omega_B))
+    return Motion(scale(h, rate.flow_B), _rotation(h, rate.q_NB), scale(h, rate.omega_B))
 
 
 @kernel
@@ -262,7 +262,7 @@ def make_stages(
 
 
 _omega_stages = make_stages(_omega_rate, scale, add, scale)
-_turn_stages = make_stages(_turn_rate, _turn, _add_quaternions, _scale_quaternion)
+_turn_stages = make_stages(_turn_rate, _rotation, _add_quaternions, _scale_quaternion)
 
 
 @kernel

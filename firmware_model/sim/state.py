@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_params
 from firmware_model.autopilot.position_loop import initial_position_state, position_params
-from firmware_model.config.scenario import NoiseTurn, Scenario
+from firmware_model.config.scenario import NoiseRotation, Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.exact import sin_cos
@@ -152,7 +152,7 @@ def initial_vehicle_state(
     )
 
 
-def noise_mix(seed: int, turns: Sequence[NoiseTurn]) -> Array:
+def noise_mix(seed: int, turns: Sequence[NoiseRotation]) -> Array:
     """Return the rows (n, 3) for `mixed_normals` of a seed and the turns of its noise.
 
     Raises

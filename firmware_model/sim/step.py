@@ -25,7 +25,7 @@ from firmware_model.numerics.soa import (
 )
 from firmware_model.physics import aerodynamics, rigid_body
 from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faults
-from firmware_model.physics.aerodynamics import Acting, Air, AirParams, FreeInputs, FreeParams, Surroundings
+from firmware_model.physics.aerodynamics import Air, AirParams, ExternalLoads, FreeInputs, FreeParams, StageLoads
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
 from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
@@ -68,14 +68,14 @@ _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
 _load_motion, _store_motion = loader(Motion), storer(Motion)
-_load_acting, _store_acting = loader(Acting), storer(Acting)
-_load_surroundings, _store_surroundings = loader(Surroundings), storer(Surroundings)
+_load_stage_loads, _store_stage_loads = loader(StageLoads), storer(StageLoads)
+_load_external_loads, _store_external_loads = loader(ExternalLoads), storer(ExternalLoads)
 _load_wrench, _store_wrench = loader(Wrench), storer(Wrench)
 _X_WRENCH, _X_VELOCITY, _X_Q_NB, _X_OMEGA = (
     X_BODY + field_offset(Body, name) for name in ("torque_B", "velocity_N", "q_NB", "omega_B")
 )
 MIDDLE, END, _START, _NOW, _CHANGE, _OUTSIDE, _COMMAND, _NEAR, _IS_NEAR = offsets(
-    [Acting, Acting, Motion, Motion, Motion, Surroundings, Wrench, Body]
+    [StageLoads, StageLoads, Motion, Motion, Motion, ExternalLoads, Wrench, Body]
 )
 """Rows of work space for the accelerations in the middle of a step and at its end."""
 WORK_ROWS = _IS_NEAR + 1
@@ -199,9 +199,9 @@ def measure(
     if full:
         put(record, journal.TIME, time_us)
         put_vector(record, journal.VELOCITY, body.velocity_N)
-        given = given_by_rotors(_load_loss_params(params, layout.LOSS), get_wrench(body))
-        put_vector(record, journal.TORQUE_B, given.torque_B)
-        put(record, journal.THRUST, -given.thrust)
+        produced = given_by_rotors(_load_loss_params(params, layout.LOSS), get_wrench(body))
+        put_vector(record, journal.TORQUE_B, produced.torque_B)
+        put(record, journal.THRUST, -produced.thrust)
 
 
 @kernel
@@ -355,36 +355,36 @@ def begin_sample(params: Lane, state: Lane, failed: bool, h: float, record: Lane
     waits for a root. Unless any rotor has `failed`, all are sound.
     """
     inputs, body = _free_inputs(params, state, False, failed, record), _load_body(state, X_BODY)
-    _store_surroundings(work, _OUTSIDE, inputs.outside)
+    _store_external_loads(work, _OUTSIDE, inputs.outside)
     _store_wrench(work, _COMMAND, inputs.command)
-    motion, acting, position_N = aerodynamics.begin_sample(_free_params(params), body, inputs, h)
+    motion, loads, position_N = aerodynamics.begin_sample(_free_params(params), body, inputs, h)
     _store_motion(work, _START, motion)
-    _store_acting(work, END, acting)
+    _store_stage_loads(work, END, loads)
     put_vector(state, X_BODY, position_N)
 
 
 @kernel
 def step_actuators(params: Lane, state: Lane, failed: bool, record: Lane, work: Lane) -> None:
     """Step the actuators; stage 0 is done, and no longer needs the accelerations that this overwrites."""
-    given, inputs = _load_wrench(state, _X_WRENCH), _stage_inputs(failed, record, work)
-    middle, given, end = aerodynamics.step_actuators(_free_params(params), given, inputs)
-    _store_acting(work, MIDDLE, middle)
-    _store_acting(work, END, end)
-    _store_wrench(state, _X_WRENCH, given)
+    produced, inputs = _load_wrench(state, _X_WRENCH), _stage_inputs(failed, record, work)
+    middle, produced, end = aerodynamics.step_actuators(_free_params(params), produced, inputs)
+    _store_stage_loads(work, MIDDLE, middle)
+    _store_stage_loads(work, END, end)
+    _store_wrench(state, _X_WRENCH, produced)
 
 
 @kernel
 def _stage_inputs(failed: bool, record: Lane, work: Lane) -> FreeInputs:
-    outside = _load_surroundings(work, _OUTSIDE)
+    outside = _load_external_loads(work, _OUTSIDE)
     return FreeInputs(_load_wrench(work, _COMMAND), outside, _read_air(record), False, failed)
 
 
 @kernel
-def step_stage(stage: int, acting: int, h: float, params: Lane, record: Lane, work: Lane) -> None:
-    """Do a stage, 0 to 3, with accelerations from the row `acting`; its change in `h` [s] leads to the next stage."""
+def step_stage(stage: int, loads: int, h: float, params: Lane, record: Lane, work: Lane) -> None:
+    """Do a stage, 0 to 3, with accelerations from the row `loads`; its change in `h` [s] leads to the next stage."""
     start = _load_motion(work, _START)
     now = start if stage == 0 else _load_motion(work, _NOW)
-    given = (_stage_inputs(False, record, work), _load_acting(work, acting))
+    given = (_stage_inputs(False, record, work), _load_stage_loads(work, loads))
     rate = aerodynamics.motion_rate(_free_params(params), now, given)
     change = change_motion(h, rate)
     if stage < 3:
@@ -403,8 +403,8 @@ def step_stage(stage: int, acting: int, h: float, params: Lane, record: Lane, wo
 def end_sample(state: Lane, h: float, record: Lane, work: Lane) -> None:
     """Write the state after a sample of `h` [s]."""
     motion, position_N = with_unit_length(_load_motion(work, _START)), get_vector(state, X_BODY)
-    inputs, acting = _stage_inputs(False, record, work), _load_acting(work, END)
-    position_N, velocity_N = aerodynamics.end_sample(position_N, motion, acting, inputs, h)
+    inputs, loads = _stage_inputs(False, record, work), _load_stage_loads(work, END)
+    position_N, velocity_N = aerodynamics.end_sample(position_N, motion, loads, inputs, h)
     put_vector(state, X_BODY, position_N)
     put_vector(state, _X_VELOCITY, velocity_N)
     _put_float4(state, _X_Q_NB, motion.q_NB)

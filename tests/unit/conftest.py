@@ -56,10 +56,10 @@ def make_law() -> Callable[..., Law]:
 @pytest.fixture
 def turn() -> Callable[..., Law]:
     """Return what gives a law a schedule of random numbers of some size."""
-    return _turn
+    return _schedule
 
 
-def _turn(law: Law, size: float = 0.3) -> Law:
+def _schedule(law: Law, size: float = 0.3) -> Law:
     rng, (n, m) = np.random.default_rng(7), law.B.shape
     shapes = {"J": (4, n), "K": (4, m), "L": (4, 4), "P": (3, 4), "Q": (n, 4)}
     parts = {name: size * rng.uniform(-1.0, 1.0, shape) for name, shape in shapes.items()}

@@ -95,7 +95,7 @@ def _times(sign: int, A: Ball) -> Ball:
     return Ball(scale(sign, A.middle), A.radius)
 
 
-def _turn(A: Ball) -> Ball:
+def _transpose(A: Ball) -> Ball:
     return Ball(transpose(A.middle), transpose(A.radius))
 
 
@@ -200,9 +200,9 @@ def rate_bounded_inequalities(
             rows = system.rows[block]
             error = ball_sum(exact(system.p[rows]), _times(-sign, system.q(rows)))
             errors = Ball(errors.middle + error.middle, errors.radius + error.radius)
-        cross = ball_product(_turn(errors), free)
+        cross = ball_product(_transpose(errors), free)
         storage = ball_sum(system.storage(corner(P, signs)), exact(multiply(to_x, multiply(add(*rates), system.x))))
-        yield _times(-1, ball_sum(storage, cross, _turn(cross), supply, *system.constraint_terms(scalings)))
+        yield _times(-1, ball_sum(storage, cross, _transpose(cross), supply, *system.constraint_terms(scalings)))
 
 
 def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
@@ -297,12 +297,12 @@ class _System:
     def storage(self, P: RationalMatrix) -> Ball:
         """Return the form of 2 x' P x'."""
         half = ball_product(exact(multiply(transpose(self.x), P)), self._derivative)
-        return ball_sum(half, _turn(half))
+        return ball_sum(half, _transpose(half))
 
     def supply(self, level: Fraction) -> Ball:
         """Return the form of |z|^2 - level^2 |w|^2."""
         z, w = self.q(slice(self._n_q, None)), multiply(transpose(self.w), self.w)
-        return ball_sum(ball_product(_turn(z), z), exact(scale(-level * level, w)))
+        return ball_sum(ball_product(_transpose(z), z), exact(scale(-level * level, w)))
 
     def constraint_terms(self, multipliers: list[dict[str, Any]]) -> Iterator[Ball]:
         """Yield the form of each part's constraint."""
@@ -311,7 +311,7 @@ class _System:
             if needs_rate(block):
                 signals.append(self._rate(rows))
             z = _stack(*signals)
-            yield ball_product(_turn(z), ball_product(exact(constraint_form(block, item)), z))
+            yield ball_product(_transpose(z), ball_product(exact(constraint_form(block, item)), z))
 
 
 def _slices(start: int, sizes: list[int]) -> list[slice]:

@@ -133,9 +133,9 @@ def truth_bound(
     carried, steps = _step_errors(system, case, box, disturbance, noise, estimate)
     newest = system.dt * case.deviations * case.noise  # half of the newest sample's noise, which w counts in full
     # R = Y R(E) exp(c): the estimate, turned by c in B, and then in N by all of Y
-    own = _turn(estimate, carried, excess)
+    own = _rotate(estimate, carried, excess)
     walk = [noise.walk + newest] * 3
-    angles = _turn(own, walk, _excess_N)
+    angles = _rotate(own, walk, _excess_N)
     if joint is not None:
         # of S at a sample, and the turn of one sample more
         tilted = sum((a + system.dt * row[X1] for a, row in zip(own, box, strict=True)), Fraction(0))
@@ -143,7 +143,7 @@ def truth_bound(
         coupled = _excess_N(angles, walk)
         angles = [joint.angle[i] + joint.rest[i] + (own[i] - box[i][X0]) + apart + coupled[i] for i in range(3)]
     for budget in [[disturbance.steps * step / _CHUNKS for step in steps]] * _CHUNKS:
-        angles = _turn(angles, budget, _excess_N)
+        angles = _rotate(angles, budget, _excess_N)
     # between samples: a chord, and h^2 / 8 times the second derivative
     rates = [row[PEAK_RATE] for row in box]
     wide = [angle + 2 * system.dt * _norm(rates) for angle in angles]
@@ -323,7 +323,7 @@ def _walk_error(
     return round_up(random + second + (noise.walk / 2) ** 3)
 
 
-def _turn(start: Three, budget: Three, excess_of: Callable[[Three, Three], Three]) -> Three:
+def _rotate(start: Three, budget: Three, excess_of: Callable[[Three, Three], Three]) -> Three:
     """Return bounds of Euler angles from within `start` after rotations that sum up to `budget` [rad] by axis.
 
     `excess_of` bounds the difference of Euler rates and rates, about axes of B or of N.

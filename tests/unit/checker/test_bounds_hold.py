@@ -83,7 +83,7 @@ def test_rotations_in_any_order_stay_below_their_bounds(start, budget, at):
         vector, body, nearby = turn.apply(vector), body * turn, turn * nearby
     assert_below(vector, truth_drift._tilt(exact(budget), exact(np.abs(signs[1] * start))))
     for turned, excess in ((body, estimate_box.excess), (nearby, truth_drift._excess_N)):
-        bounds = truth_drift._turn(exact(start), exact(budget), excess)
+        bounds = truth_drift._rotate(exact(start), exact(budget), excess)
         assert_below(turned.as_euler("ZYX")[::-1], bounds)
 
 

@@ -823,9 +823,9 @@ def test_rotations_of_more_than_a_radian_are_refused():
         return nothing
 
     one = [Fraction(1), Fraction(0), Fraction(0)]
-    assert truth_drift._turn(one, nothing, no_excess) == one
+    assert truth_drift._rotate(one, nothing, no_excess) == one
     with pytest.raises(Refusal, match="below a radian"):
-        truth_drift._turn([value * Fraction(10**9 + 1, 10**9) for value in one], nothing, no_excess)
+        truth_drift._rotate([value * Fraction(10**9 + 1, 10**9) for value in one], nothing, no_excess)
 
 
 def test_a_sample_too_long_for_the_rates_is_refused(monkeypatch):
@@ -971,8 +971,8 @@ SMALL = [[value / 64 for value in row] for row in some_box(10)]
         ),
         lambda: truth_drift.blind_angles(loop(), PAIR, 1),
         lambda: truth_drift._over_inertia(loop(), PAIR * 2),
-        lambda: truth_drift._turn(PAIR, ONE, lambda *_: ONE),
-        lambda: truth_drift._turn([Fraction(1, 8)], [Fraction(1, 8)], lambda *_: PAIR),
+        lambda: truth_drift._rotate(PAIR, ONE, lambda *_: ONE),
+        lambda: truth_drift._rotate([Fraction(1, 8)], [Fraction(1, 8)], lambda *_: PAIR),
         lambda: truth_drift._tilt([Fraction(0)] * 3, PAIR * 2),
     ],
 )

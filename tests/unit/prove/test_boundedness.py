@@ -385,11 +385,11 @@ def test_the_truth_of_a_filtered_attitude_is_bounded_over_a_minute(name, least, 
 
 def test_angles_that_creep_without_end_have_no_bound():
     step = Fraction(1, 10**9)
-    found = truth_drift._turn([step] * 3, [step] * 3, lambda _angles, budget: budget)
+    found = truth_drift._rotate([step] * 3, [step] * 3, lambda _angles, budget: budget)
     assert found == pytest.approx([3e-9] * 3, rel=2e-6)
     assert min(found) >= 3 * step
     with pytest.raises(Refusal, match="no bound below a radian"):
-        truth_drift._turn([step] * 3, [step] * 3, lambda angles, _budget: [angle + step for angle in angles])
+        truth_drift._rotate([step] * 3, [step] * 3, lambda angles, _budget: [angle + step for angle in angles])
 
 
 def test_the_offset_of_a_filtered_attitude_is_nearly_reached_in_flight():

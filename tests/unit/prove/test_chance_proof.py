@@ -62,8 +62,11 @@ def test_the_air_is_the_one_that_the_vehicle_flies_in(name: str) -> None:
     deviation = [
         # moment [N*m] and acceleration by the angular gust [rad/s^2]
         (gain * math.sqrt(v @ P[1:3, 1:3] @ v), 0.7 * drag[0] * factor[7, 7]),
-        (gain * factor[0, 0], 0.7 * drag[1] * _turn(filters.w, P[4:7, 4:7])),
-        (gain * vehicle.gust_yaw_ratio * math.sqrt(w @ P[4:6, 4:6] @ w), 0.7 * drag[2] * _turn(filters.v, P[1:4, 1:4])),
+        (gain * factor[0, 0], 0.7 * drag[1] * _slope_deviation(filters.w, P[4:7, 4:7])),
+        (
+            gain * vehicle.gust_yaw_ratio * math.sqrt(w @ P[4:6, 4:6] @ w),
+            0.7 * drag[2] * _slope_deviation(filters.v, P[1:4, 1:4]),
+        ),
     ]
     for axis, expected in zip(air.axes, deviation, strict=True):
         A, stationary = (np.array(rows, dtype=float) for rows in (axis.A, axis.P))
@@ -82,7 +85,7 @@ def test_the_air_is_the_one_that_the_vehicle_flies_in(name: str) -> None:
     assert float(air.noise) == pytest.approx(axis_models(vehicle, load_scenario("paper-turbulence"))[0].noise, rel=1e-9)
 
 
-def _turn(f: Any, P: np.ndarray) -> float:
+def _slope_deviation(f: Any, P: np.ndarray) -> float:
     row = f.slope * np.array([f.c1, f.c2, -1.0])
     return math.sqrt(row @ P @ row)
 

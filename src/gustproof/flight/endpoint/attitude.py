@@ -42,7 +42,7 @@ class SlowAttitude:
         if self._gyro_B is not None:
             quarter_s = 0.25 * min(step_s, _LONGEST_STEP_S)  # half of the turn at the mean of both
             x, y, z = (quarter_s * (before + now) for before, now in zip(self._gyro_B, gyro_B, strict=True))
-            self._turn(self._q_NB, (1.0, x, y, z))
+            self._rotate(self._q_NB, (1.0, x, y, z))
         self._gyro_B = gyro_B
 
     def correct(self, attitude: Vector, earth_rate_N: Vector | None, step_s: float) -> None:
@@ -59,7 +59,7 @@ class SlowAttitude:
             within = min(max(away, -wander), wander)
             beyond = min(max(away - within, -_LARGEST), _LARGEST)
             halves.append(0.5 * step_s * (within / time_constant_s + beyond * _REGAIN_RATE - earth))
-        self._turn((1.0, halves[0], halves[1], halves[2]), self._q_NB)
+        self._rotate((1.0, halves[0], halves[1], halves[2]), self._q_NB)
 
-    def _turn(self, after: Quaternion, before: Quaternion) -> None:
+    def _rotate(self, after: Quaternion, before: Quaternion) -> None:
         self._q_NB = normalize(multiply(after, before))

@@ -16,18 +16,18 @@ from gustproof.flight.protocol_check.witness import SLOW_SAMPLES, Answer, Witnes
 from gustproof.types import Array
 
 KICK_RATE = 0.15
-"""[rad/s] rate about each axis that the kick of a spell gives the vehicle."""
+"""[rad/s] rate about each axis that the kick of a trial gives the vehicle."""
 KICK_S = (0.2, 0.3)
 """[s] begin and end of the kick."""
 DURATION_S = 1.6
-"""[s] of a spell."""
+"""[s] of a trial."""
 _MOST_DATAGRAMS = 4.0  # per sample
 _FEW_ANSWERS = 20  # below which answers are not judged as late
 _BEYOND_SHARE = 0.05  # of the answers beyond the limits, above which their unit is wrong
 _STOPPED = 0.6  # [-] of the kick's rate that may be left at the end; the slowest shipped law has .4
 _HARDEST = 1.5  # [-] rms of the torque that takes the kick's rate away within one actuator lag; shipped laws have .3
 _LARGEST = 1e6  # [-] or [rad/s] of a command that counts
-_LAST_S = 0.4  # [s] at the end of a spell, in which the rate counts
+_LAST_S = 0.4  # [s] at the end of a trial, in which the rate counts
 
 ASKED = {
     "not-connected": "send a HEARTBEAT to the address in GUSTPROOF_ADDRESS: the vehicle speaks to those who speak",
@@ -88,7 +88,7 @@ class Finding:
         return {**asdict(self), "asked": self.asked}
 
 
-class Spell(NamedTuple):
+class Trial(NamedTuple):
     """A flight of a check, as it was seen."""
 
     name: str
@@ -105,25 +105,25 @@ _Seen = tuple[str, str]
 """Name of a finding and observation."""
 
 
-def judge(spell: Spell) -> list[Finding]:
-    """Return the findings of a spell, in the order in which they are to be mended."""
-    seen = spell.witness.seen
+def judge(trial: Trial) -> list[Finding]:
+    """Return the findings of a trial, in the order in which they are to be mended."""
+    seen = trial.witness.seen
     if seen.heard_us is None:
-        name = "died" if spell.witness.died else "not-connected"
-        told = [(name, spell.ending if spell.witness.died else "no datagram came")]
+        name = "died" if trial.witness.died else "not-connected"
+        told = [(name, trial.ending if trial.witness.died else "no datagram came")]
     else:
         parts = _PARTS if seen.messages else (_rejections,)
-        told = [each for part in parts for each in part(spell)]
-        told += [] if told else _begun(spell)
-    return [Finding(name=name, seen=seen, spell=spell.name) for name, seen in told]
+        told = [each for part in parts for each in part(trial)]
+        told += [] if told else _begun(trial)
+    return [Finding(name=name, seen=seen, spell=trial.name) for name, seen in told]
 
 
-def _identity(spell: Spell) -> Iterator[_Seen]:
+def _identity(trial: Trial) -> Iterator[_Seen]:
     """Yield a missing heartbeat and wrong ids."""
-    seen = spell.witness.seen
+    seen = trial.witness.seen
     if not seen.messages["HEARTBEAT"]:
         yield "no-heartbeat", f"none among {seen.messages.total()} messages"
-    system = spell.witness.vehicle.system
+    system = trial.witness.vehicle.system
     for (sender, component), count in seen.senders.items():
         if sender != system:
             yield "wrong-system-id", f"{count} messages are from system {sender}"
@@ -136,9 +136,9 @@ def _identity(spell: Spell) -> Iterator[_Seen]:
             yield "wrong-component-id", f"{count} messages are for component {component}"
 
 
-def _rejections(spell: Spell) -> Iterator[_Seen]:
+def _rejections(trial: Trial) -> Iterator[_Seen]:
     """Yield what the vehicle rejected, by its own counters."""
-    vehicle = spell.witness.vehicle
+    vehicle = trial.witness.vehicle
     counters = vehicle.counters
     for name, causes in _REJECTED.items():
         found = [cause for cause in causes if counters[cause]]
@@ -146,14 +146,14 @@ def _rejections(spell: Spell) -> Iterator[_Seen]:
             continue  # outside OFFBOARD no sample waits for its answer
         if found:
             count = sum(counters[cause] for cause in found)
-            example = spell.witness.seen.examples.get(found[0], "")
+            example = trial.witness.seen.examples.get(found[0], "")
             yield name, f"{count} rejected as {found[0].value}{f', the first: {example}' if example else ''}"
 
 
-def _requests(spell: Spell) -> Iterator[_Seen]:
+def _requests(trial: Trial) -> Iterator[_Seen]:
     """Yield commands that never came, or were refused for good."""
-    seen = spell.witness.seen
-    if seen.began_us is None and not spell.witness.died:
+    seen = trial.witness.seen
+    if seen.began_us is None and not trial.witness.died:
         if wire.MAV_CMD_COMPONENT_ARM_DISARM not in seen.requests:
             yield "never-arms", "no command to arm came"
         if wire.MAV_CMD_DO_SET_MODE not in seen.requests:
@@ -166,13 +166,13 @@ def _requests(spell: Spell) -> Iterator[_Seen]:
             yield "refused-command", f"{_command_name(command)} was answered by {result}, {len(refused)} times"
 
 
-def _endings(spell: Spell) -> Iterator[_Seen]:
+def _endings(trial: Trial) -> Iterator[_Seen]:
     """Yield a controller that died, fell silent or left OFFBOARD."""
-    witness, seen = spell.witness, spell.witness.seen
+    witness, seen = trial.witness, trial.witness.seen
     rejected = any(witness.vehicle.counters[cause] for cause in _COUNTED)
     flown = f"at sample {witness.vehicle.loop.sample}"
     if witness.died:
-        yield "died", f"{spell.ending}, {flown if seen.began_us else 'before the flight began'}"
+        yield "died", f"{trial.ending}, {flown if seen.began_us else 'before the flight began'}"
     elif not seen.answers:
         yield "silent", "no set-point came"
     elif witness.vehicle.outcome is VehicleOutcome.STREAM_LOST and not rejected:
@@ -181,9 +181,9 @@ def _endings(spell: Spell) -> Iterator[_Seen]:
         yield "left-offboard", "it set another mode"
 
 
-def _stream(spell: Spell) -> Iterator[_Seen]:
+def _stream(trial: Trial) -> Iterator[_Seen]:
     """Yield set-points that come late, too often, or unequal for one sample."""
-    witness, seen = spell.witness, spell.witness.seen
+    witness, seen = trial.witness, trial.witness.seen
     rate = seen.datagrams / max(len(seen.samples), 1)
     if rate > _MOST_DATAGRAMS and seen.datagrams > _FEW_ANSWERS:
         yield "flooding", f"{rate:.0f} datagrams a sample"
@@ -198,16 +198,16 @@ def _stream(spell: Spell) -> Iterator[_Seen]:
         yield "unequal-answers", f"sample {first.sample}: {_numbers(first)}, then {_numbers(second)}"
 
 
-def _response(spell: Spell) -> Iterator[_Seen]:
+def _response(trial: Trial) -> Iterator[_Seen]:
     """Yield commands whose unit or sign is wrong, by the response to the kick."""
-    witness, seen = spell.witness, spell.witness.seen
+    witness, seen = trial.witness, trial.witness.seen
     if witness.vehicle.outcome is not VehicleOutcome.DONE or witness.vehicle.counters[RejectReason.NOT_FINITE]:
         return
     if not witness.vehicle.flight.lockstep and (witness.is_machine_busy or witness.answers_slowly(_FEW_ANSWERS)):
         return  # what comes late stops no kick, however right; in lockstep units and signs showed
-    beyond = [answer for answer in seen.answers if _is_beyond(answer, spell.vehicle)]
+    beyond = [answer for answer in seen.answers if _is_beyond(answer, trial.vehicle)]
     share = len(beyond) / len(seen.answers)
-    motion = _Motion(spell)
+    motion = _Motion(trial)
     if beyond and share <= _BEYOND_SHARE:
         yield "out-of-range", f"{len(beyond)} of {len(seen.answers)} set-points, the first: {_numbers(beyond[0])}"
     if motion.pushes_along:
@@ -218,11 +218,11 @@ def _response(spell: Spell) -> Iterator[_Seen]:
         yield "wrong-units", motion.describe()
 
 
-def _begun(spell: Spell) -> list[_Seen]:
+def _begun(trial: Trial) -> list[_Seen]:
     """Return the finding of a flight that did not begin, if nothing else tells why."""
-    if spell.witness.seen.began_us is not None:
+    if trial.witness.seen.began_us is not None:
         return []
-    refused = [_command_name(command) for command in spell.witness.seen.results]
+    refused = [_command_name(command) for command in trial.witness.seen.results]
     return [("not-begun", f"commands that came: {', '.join(refused) or 'none'}")]
 
 
@@ -232,11 +232,11 @@ _PARTS = (_identity, _rejections, _requests, _endings, _stream, _response)
 class _Motion:
     """Rates after the kick, and the commands that answer them."""
 
-    def __init__(self, spell: Spell) -> None:
-        commands = {answer.stamp_ms: answer for answer in spell.witness.seen.answers}
+    def __init__(self, trial: Trial) -> None:
+        commands = {answer.stamp_ms: answer for answer in trial.witness.seen.answers}
         rows = [
             (1e-6 * sample.time_us, *sample.gyro_B, *commands[stamp].values[:3])
-            for sample in spell.witness.seen.samples
+            for sample in trial.witness.seen.samples
             if (stamp := boot_ms(sample.time_us)) in commands and sample.time_us >= 1e6 * KICK_S[1]
         ]
         table = np.array(rows).reshape(-1, 7)
@@ -246,8 +246,8 @@ class _Motion:
         is_torque = all(answer.is_torque for answer in commands.values())
         self._hardness, against = 0.0, np.cumsum(rates, axis=0)
         if is_torque:
-            torque = _rms(np.clip(command, -1.0, 1.0) * np.array(spell.vehicle.torque_limit))
-            needed = np.array(spell.vehicle.inertia_B) * KICK_RATE / spell.vehicle.actuator_lag
+            torque = _rms(np.clip(command, -1.0, 1.0) * np.array(trial.vehicle.torque_limit))
+            needed = np.array(trial.vehicle.inertia_B) * KICK_RATE / trial.vehicle.actuator_lag
             self._hardness, against = float(np.max(torque / needed)), rates
         self._along = float(np.sum(command * against))
 

@@ -16,7 +16,7 @@ from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
 from gustproof.flight.controllers.entry import Pilot
-from gustproof.flight.protocol_check.findings import DURATION_S, KICK_RATE, KICK_S, Finding, Spell, judge
+from gustproof.flight.protocol_check.findings import DURATION_S, KICK_RATE, KICK_S, Finding, Trial, judge
 from gustproof.flight.protocol_check.witness import Witness
 from gustproof.flight.routes.flight import FlightPlan
 from gustproof.flight.routes.processes import close, last_stderr_line, launch, read_summary, send_line, write_inputs
@@ -54,17 +54,17 @@ def check_controller(
     found: list[Finding] = []
     for number, name in enumerate(("lockstep", "real time")):
         progress(number / 2, name)
-        spell = _fly_spell(name, script, pilot, vehicle, patience_s=patience_s, startup_s=startup_s)
+        trial = _fly_trial(name, script, pilot, vehicle, patience_s=patience_s, startup_s=startup_s)
         known = {finding.name for finding in found}
-        found += [finding for finding in judge(spell) if finding.name not in known]
-        if spell.witness.vehicle.outcome is not VehicleOutcome.DONE and not spell.witness.is_slow:
+        found += [finding for finding in judge(trial) if finding.name not in known]
+        if trial.witness.vehicle.outcome is not VehicleOutcome.DONE and not trial.witness.is_slow:
             break
     progress(1.0, "done")
     return found
 
 
 def _script(vehicle: Vehicle, pilot: Pilot) -> Scenario:
-    """Return the scenario of a spell: calm air, and a kick about all axes, at the rate of the law."""
+    """Return the scenario of a trial: calm air, and a kick about all axes, at the rate of the law."""
     begin_s, end_s = KICK_S
     roll, pitch, yaw = (inertia * KICK_RATE / (end_s - begin_s) for inertia in vehicle.inertia_B)
     kick = (
@@ -79,9 +79,9 @@ def _script(vehicle: Vehicle, pilot: Pilot) -> Scenario:
     return replace(script, control_rate_hz=rate_hz, physics_rate_hz=steps * rate_hz)
 
 
-def _fly_spell(
+def _fly_trial(
     name: str, script: Scenario, pilot: Pilot, vehicle: Vehicle, *, patience_s: float, startup_s: float
-) -> Spell:
+) -> Trial:
     lockstep = name == "lockstep"
     with TemporaryDirectory() as folder, udp.bind(0) as bound:
         files = write_inputs(FlightPlan(script, pilot, vehicle, 1, not lockstep), Path(folder))
@@ -99,7 +99,7 @@ def _fly_spell(
             ending = _describe_ending(process) if witness.died else ""
         finally:
             close(process)
-    return Spell(name=name, witness=witness, ending=ending, vehicle=vehicle)
+    return Trial(name=name, witness=witness, ending=ending, vehicle=vehicle)
 
 
 def _describe_ending(process: "subprocess.Popen[str]") -> str:

@@ -16,7 +16,7 @@ from firmware_model.types import ImuSample
 _LOOK_US = 50_000  # between two looks at the controller's process
 _COMMANDS = (wire.MAVLINK_MSG_ID_COMMAND_LONG, wire.MAVLINK_MSG_ID_COMMAND_INT)
 _WITHHELD = (30, 60, 90)  # samples whose first answer is lost on purpose, so that the vehicle sends them again
-_MANY_ANSWERS = 100  # after which a spell in lockstep ends if answers are slow
+_MANY_ANSWERS = 100  # after which a trial in lockstep ends if answers are slow
 SLOW_SAMPLES = 2.0
 """[-] sample times that half of the answers may take."""
 
@@ -70,7 +70,7 @@ class Sightings:
 class Witness:
     """Endpoint in front of a vehicle: it notes what passes, and loses a few answers so that samples come again.
 
-    `is_alive` tells whether the controller's process still runs. A spell ends with the flight or the process. It also
+    `is_alive` tells whether the controller's process still runs. A trial ends with the flight or the process. It also
     ends when the flight has not begun `patience_s` [s] after the first message, or `startup_s` [s] without one.
     """
 
@@ -95,7 +95,7 @@ class Witness:
 
     @property
     def finished(self) -> bool:
-        """True if the spell is over."""
+        """True if the trial is over."""
         return self.vehicle.finished
 
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
@@ -134,7 +134,7 @@ class Witness:
         return min(self.vehicle.deadline_us(), self._look_us)
 
     def _look(self, now_us: int) -> None:
-        """End the spell if there is nothing more to see."""
+        """End the trial if there is nothing more to see."""
         self._look_us, seen = now_us + _LOOK_US, self.seen
         self._created_us = now_us if self._created_us is None else self._created_us
         begins_by_us = (

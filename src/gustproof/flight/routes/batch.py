@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.fields import NonNegative
-from firmware_model.config.scenario import Angle, NoiseTurn, Scenario
+from firmware_model.config.scenario import Angle, NoiseRotation, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.soa import aligned_zeros
@@ -54,7 +54,7 @@ class Case:
     """[-] factor on the scenario's gusts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] | None = None
     """[deg] initial roll, pitch, yaw; the scenario's by default."""
-    turns: tuple[NoiseTurn, ...] = ()
+    turns: tuple[NoiseRotation, ...] = ()
     """Turns of gusts and noise, after those of the scenario."""
 
     def apply_to(self, scenario: Scenario) -> Scenario:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from firmware_model.config.files import open_regular
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, fastest
-from gustproof.logs.read.kept import Kept, read_blocks
 from gustproof.logs.read.pulses import motor_commands
+from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.types import Array
 
 _BEGIN = b"\xa3\x95"
@@ -87,7 +87,7 @@ class _Parser:
     """State of reading: formats, messages that are kept, and damage."""
 
     def __init__(self) -> None:
-        self.kept = Kept()
+        self.store = SampleStore()
         self.damaged = 0
         self.layouts: dict[str, tuple[np.dtype[np.void], str]] = {}
         self._lengths = {_FMT: _FMT_LENGTH}
@@ -110,7 +110,7 @@ class _Parser:
             if kind == _FMT:
                 self._on_format(buffer[at + 3 : at + length])
             elif (name := names.get(kind)) is not None:
-                self.kept.add(name, place + at, buffer[at + 3 : at + length])
+                self.store.add(name, place + at, buffer[at + 3 : at + length])
             at += length
         return at
 
@@ -127,9 +127,9 @@ class _Parser:
 
     def message(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
         """Return places and messages of a name, of the first instance if there are many."""
-        if name not in self.kept:
+        if name not in self.store:
             return np.empty(0, dtype=np.int64), np.empty(0, dtype=[("TimeUS", "<u8")])
-        places, table = self.kept.table(name, self.layouts[name][0])
+        places, table = self.store.table(name, self.layouts[name][0])
         if "I" in (table.dtype.names or ()):
             first = table["I"] == 0
             places, table = places[first], table[first]
@@ -169,7 +169,7 @@ class _TextParser(_Parser):
                 if name == b"FMT":
                     self._on_text_format(cells)
                 elif (key := name.decode("ascii", "replace").strip()) in self._packers:
-                    self.kept.add(key, place + begin, self._pack(key, cells))
+                    self.store.add(key, place + begin, self._pack(key, cells))
             except (ValueError, struct.error, OverflowError):
                 self.damaged += end + 1 - begin
             begin = end + 1
@@ -188,7 +188,7 @@ class _TextParser(_Parser):
         _, _, name, letters, *columns = (cell.strip() for cell in cells.decode("ascii", "replace").split(","))
         scaled = letters.translate(_SCALED)
         layout = _layout(scaled, columns)
-        if name in _KEPT and name not in self.kept and layout is not None and "a" not in letters:
+        if name in _KEPT and name not in self.store and layout is not None and "a" not in letters:
             self.layouts[name] = layout, scaled
             self._packers[name] = struct.Struct("<" + scaled.translate(_PACKED)), scaled
 
@@ -280,7 +280,7 @@ def _findings(parser: _Parser, left: int) -> Iterator[str]:
         yield f"file: {parser.damaged:,} bytes are damaged: left out"
     if left > 1:
         yield f"file: it ends within a message, {left:,} bytes of it are there"
-    if "EV" in parser.kept and not np.isfinite(_stamps(parser.message("EV")[1])).any():
+    if "EV" in parser.store and not np.isfinite(_stamps(parser.message("EV")[1])).any():
         yield "airborne: events have no time, that of the gyro beside them in the file is taken"
-    if "ISBH" in parser.kept:
+    if "ISBH" in parser.store:
         yield "gyro: batches of the sampler (ISBD) are not used"

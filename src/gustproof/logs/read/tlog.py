@@ -23,8 +23,8 @@ from firmware_model.autopilot.parameters import TORQUE_LIMIT_NAMES
 from firmware_model.mavlink.frames import Frame, parse
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest, longest_piece
 from gustproof.logs.read.flight_log import CommandUnit
-from gustproof.logs.read.kept import Kept, read_blocks
 from gustproof.logs.read.pulses import motor_commands
+from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.types import Array
 
 _V1, _V2 = wire.PROTOCOL_MARKER_V1, wire.PROTOCOL_MARKER_V2
@@ -89,7 +89,7 @@ class _Parser:
     """State of reading: frames of the first autopilot, torque commands, and damage."""
 
     def __init__(self) -> None:
-        self.kept = Kept()
+        self.store = SampleStore()
         self.sender: tuple[int, int] | None = None
         self.kind = wire.MAV_AUTOPILOT_INVALID
         self.damaged = 0
@@ -125,12 +125,12 @@ class _Parser:
         if message == _HEARTBEAT and self.sender is None and frame.payload[5] != wire.MAV_AUTOPILOT_INVALID:
             self.sender, self.kind = sender, frame.payload[5]
         if message in _WANTED and (sender == self.sender or (message == _TORQUES.message and self.sender is not None)):
-            self.kept.add(message, place, record[7::-1] + frame.payload)  # the arrival then is little-endian
+            self.store.add(message, place, record[7::-1] + frame.payload)  # the arrival then is little-endian
         return True
 
     def table(self, message: int) -> tuple[NDArray[np.int64], NDArray[np.void]]:
         """Return places and frames (n,) of a message."""
-        return self.kept.table(message, _layout(message))
+        return self.store.table(message, _layout(message))
 
 
 class _Samples(NamedTuple):

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest
-from gustproof.logs.read.kept import Kept, read_blocks
 from gustproof.logs.read.pulses import output_commands
+from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.types import Array
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -52,7 +52,7 @@ class _Parser:
     """State of reading: topics, samples that are kept, parameters, and damage."""
 
     def __init__(self, topics: Iterable[str]) -> None:
-        self.kept = Kept()
+        self.store = SampleStore()
         self.parameters = LoggedParameters()
         self.damaged = self.dropouts = self.dropped_ms = 0
         self._topics = frozenset(topics)
@@ -95,7 +95,7 @@ class _Parser:
         if self._lengths.setdefault(topic, end - begin - 2) != end - begin - 2:
             self.damaged += end - begin
             return
-        self.kept.add(topic, place + begin, buffer[begin + 2 : end])
+        self.store.add(topic, place + begin, buffer[begin + 2 : end])
 
     def _on_topic(self, message: bytes) -> None:
         instance, number = struct.unpack_from("<BH", message)
@@ -140,7 +140,7 @@ class _Parser:
         known = self._fields.get(name, {})
         wanted = [field for field in (_MESSAGE, _SAMPLE) if field in known] + list(fields)
         has_stamps = _MESSAGE in known and known[_MESSAGE].type == _TYPES["uint64_t"]
-        if name not in self.kept or not has_stamps or not known.keys() >= {*fields}:
+        if name not in self.store or not has_stamps or not known.keys() >= {*fields}:
             return None
         if max(known[field].length for field in wanted) > _LONGEST:
             return None
@@ -150,7 +150,7 @@ class _Parser:
             "offsets": [known[field].offset for field in wanted],
             "itemsize": self._lengths[name],
         }
-        return self.kept.table(name, np.dtype(layout))
+        return self.store.table(name, np.dtype(layout))
 
 
 class _Source(NamedTuple):

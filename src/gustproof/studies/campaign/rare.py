@@ -1,11 +1,11 @@
-"""Probability of a rare event in one flight, by subset simulation: a ladder of likelier events leads to it.
+"""Probability of a rare event in one flight, by subset simulation: levels of likelier events lead to it.
 
 All that is random in a flight is a function of independent standard normal numbers: gusts, noise, the places of the
 dispersions. Flights above a level are copied. Each copy is rotated slightly in the space of those numbers. The move is
 rejected if its flight falls below the level (preconditioned Crank-Nicolson). So flights above the level multiply
 without a change of their distribution. The probability is the product of the shares that pass from level to level.
 
-One ensemble chooses levels and angles. Then independent ensembles climb this fixed ladder: the estimate of each is free
+One ensemble chooses levels and angles. Then independent ensembles pass these fixed levels: the estimate of each is free
 of bias, and their spread gives the interval.
 
 References
@@ -15,7 +15,7 @@ Engineering Mechanics 16, 2001.
 I. Papaioannou and others, MCMC algorithms for subset simulation, Probabilistic Engineering Mechanics 41, 2015: the
 turn in the normal space, and its angle from the share of accepted copies.
 F. Cérou, P. Del Moral, T. Furon, A. Guyader, Sequential Monte Carlo for rare event estimation, Statistics and Computing
-22, 2012: the estimate is free of bias on a fixed ladder.
+22, 2012: the estimate is free of bias on fixed levels.
 """
 
 import json
@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.scenario import NoiseTurn
+from firmware_model.config.scenario import NoiseRotation
 from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
@@ -44,7 +44,7 @@ from gustproof.studies.campaign.worker import FIGURES, load_campaign
 from gustproof.types import Array
 
 ENSEMBLES = 16
-"""Independent ensembles that climb the ladder; their spread gives the interval."""
+"""Independent ensembles that pass the levels; their spread gives the interval."""
 LEAST = 1e-12
 """[-] smallest probability that is searched for."""
 _KEPT = 0.25  # [-] of an ensemble above the next level
@@ -70,10 +70,10 @@ class Threshold(NamedTuple):
         return f"{self.figure} > {self.limit:g}"
 
 
-class Rung(NamedTuple):
-    """Level of a ladder."""
+class Level(NamedTuple):
+    """Level on the way to the event."""
 
-    level: float
+    floor: float
     """[unit of the figure] that a flight must be above."""
     angle: float
     """[rad] of the turns of flights above it."""
@@ -86,13 +86,13 @@ class RareFlight(NamedTuple):
     """[unit of the figure]; infinite if the flight diverges."""
     seed: int
     """Seed of gusts and noise."""
-    turns: tuple[NoiseTurn, ...]
+    turns: tuple[NoiseRotation, ...]
     """Turns of gusts and noise."""
     deltas: tuple[float, ...]
     """[-] normalised delta of each dispersion."""
 
 
-class Climb(NamedTuple):
+class EnsembleResult(NamedTuple):
     """Result of one ensemble."""
 
     probability: float
@@ -114,9 +114,9 @@ class RareEstimate:
     probability: IntervalEstimate
     """[-] with its interval."""
     flights: int
-    """Number of flights, those that chose the ladder included."""
+    """Number of flights, those that chose the levels included."""
     levels: tuple[float, ...]
-    """[unit of the figure] of the ladder."""
+    """[unit of the figure] on the way to the event."""
     hits: tuple[RareFlight, ...]
     """Worst flights of the event, the worst first."""
 
@@ -201,22 +201,22 @@ def estimate_rare(
     _check_campaign(campaign)
     shown, metadata = progress or (lambda _: None), json.dumps(campaign.metadata())
     try:
-        rungs, reached, flights = pool.submit(build_ladder, metadata, event).result()
+        levels, reached, flights = pool.submit(choose_levels, metadata, event).result()
         shown(1.0 / (1 + ENSEMBLES))
-        climbs = [] if reached else _climb_all(metadata, event, rungs, pool, shown)
+        results = [] if reached else _pass_all(metadata, event, levels, pool, shown)
     except pool.death_errors:
         raise FlightError("a worker died: out of memory, or installed differently") from None
-    if climbs:
-        found = positive_mean(np.array([climb.probability for climb in climbs]))
+    if results:
+        found = positive_mean(np.array([result.probability for result in results]))
     else:  # the search for levels ended below the limit: no flight was above the last of them
         found = IntervalEstimate(0.0, 0.0, reached)
     return RareEstimate(
         law=campaign.laws[0].name,
         event=event,
         probability=found,
-        flights=flights + sum(climb.flights for climb in climbs),
-        levels=tuple(rung.level for rung in rungs),
-        hits=tuple(sorted((hit for climb in climbs for hit in climb.hits), key=lambda hit: -hit.value)[:_HITS]),
+        flights=flights + sum(result.flights for result in results),
+        levels=tuple(level.floor for level in levels),
+        hits=tuple(sorted((hit for result in results for hit in result.hits), key=lambda hit: -hit.value)[:_HITS]),
     )
 
 
@@ -231,38 +231,38 @@ def _check_campaign(campaign: Campaign) -> None:
         raise ConfigError(f"a rare event draws each flight for itself: --sampling uniform or normal, not {drawn}")
 
 
-def _climb_all(
-    metadata: str, event: Threshold, rungs: Sequence[Rung], pool: Pool, shown: Callable[[float], None]
-) -> list[Climb]:
-    """Climb the ladder with each ensemble on the pool; return the results in the order of the ensembles."""
-    waiting, running, done = list(range(ENSEMBLES)), dict[Future[Climb], int](), dict[int, Climb]()
+def _pass_all(
+    metadata: str, event: Threshold, levels: Sequence[Level], pool: Pool, shown: Callable[[float], None]
+) -> list[EnsembleResult]:
+    """Pass the levels with each ensemble on the pool; return the results in the order of the ensembles."""
+    waiting, running, done = list(range(ENSEMBLES)), dict[Future[EnsembleResult], int](), dict[int, EnsembleResult]()
     while waiting or running:
         while waiting and len(running) < pool.max_pending:
             number = waiting.pop(0)
-            running[pool.submit(climb_ladder, metadata, event, rungs, number)] = number
+            running[pool.submit(pass_levels, metadata, event, levels, number)] = number
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             done[running.pop(future)] = future.result()
             shown((1 + len(done)) / (1 + ENSEMBLES))
     return [done[number] for number in range(ENSEMBLES)]
 
 
-def build_ladder(metadata: str, event: Threshold) -> tuple[list[Rung], float, int]:
-    """Return a ladder to `event`, each level passed by a quarter of those above the one before, and the flights flown.
+def choose_levels(metadata: str, event: Threshold) -> tuple[list[Level], float, int]:
+    """Return levels up to `event`, each passed by a quarter of those above the one before, and the flights flown.
 
-    The second number is 0 if the ladder leads to the event. Else no level leads on, or the event is less likely than
+    The second number is 0 if the levels lead to the event. Else no level leads on, or the event is less likely than
     `LEAST`; the number is a rough upper bound of its probability.
     """
     ensemble = _Ensemble(load_campaign(metadata), event, ENSEMBLES)
-    rungs: list[Rung] = []
+    levels: list[Level] = []
     share, angle, n = 1.0, _FIRST_ANGLE, len(ensemble.values)
-    while (level := _next_level(ensemble.values)) < event.limit:
-        if level == -math.inf or share < LEAST:
-            return rungs, share * proportion(0, n).high, ensemble.flights
-        rungs.append(Rung(level, angle))
-        share *= float(np.mean(ensemble.values > level))
-        accepted = ensemble.climb(rungs[-1])
+    while (floor := _next_level(ensemble.values)) < event.limit:
+        if floor == -math.inf or share < LEAST:
+            return levels, share * proportion(0, n).high, ensemble.flights
+        levels.append(Level(floor, angle))
+        share *= float(np.mean(ensemble.values > floor))
+        accepted = ensemble.advance(levels[-1])
         angle = min(angle * math.exp(_GAIN * (accepted - _ACCEPTED)), _LARGEST_ANGLE)
-    return rungs, 0.0, ensemble.flights
+    return levels, 0.0, ensemble.flights
 
 
 def _next_level(values: Array) -> float:
@@ -275,17 +275,17 @@ def _next_level(values: Array) -> float:
     return float(below[-1]) if len(below) else -math.inf
 
 
-def climb_ladder(metadata: str, event: Threshold, rungs: Sequence[Rung], number: int) -> Climb:
-    """Return the result of the ensemble of a number on a ladder."""
+def pass_levels(metadata: str, event: Threshold, levels: Sequence[Level], number: int) -> EnsembleResult:
+    """Return the result of the ensemble of a number on some levels."""
     ensemble = _Ensemble(load_campaign(metadata), event, number)
     probability = 1.0
-    for rung in rungs:
-        probability *= float(np.mean(ensemble.values > rung.level))
+    for level in levels:
+        probability *= float(np.mean(ensemble.values > level.floor))
         if probability == 0.0:
-            return Climb(0.0, ensemble.flights, ())
-        ensemble.climb(rung)
+            return EnsembleResult(0.0, ensemble.flights, ())
+        ensemble.advance(level)
     probability *= float(np.mean(ensemble.values > event.limit))
-    return Climb(probability, ensemble.flights, ensemble.hits())
+    return EnsembleResult(probability, ensemble.flights, ensemble.hits())
 
 
 class _Draw(NamedTuple):
@@ -293,7 +293,7 @@ class _Draw(NamedTuple):
 
     seed: int
     """Seed of gusts and noise."""
-    turns: tuple[NoiseTurn, ...]
+    turns: tuple[NoiseRotation, ...]
     """Turns of gusts and noise."""
     normals: Array
     """(dispersions,) standard normal numbers."""
@@ -319,12 +319,12 @@ class _Ensemble:
         self._next_seed += count
         return flight_seeds(self._campaign.seed, self._next_seed - count, count)
 
-    def climb(self, rung: Rung) -> float:
+    def advance(self, level: Level) -> float:
         """Replace the flights not above a level by turned copies of those above; return the share of accepted turns.
 
         A turn after which the flight is not above the level is undone.
         """
-        above = self.values > rung.level
+        above = self.values > level.floor
         lost, parents = np.flatnonzero(~above), np.flatnonzero(above)
         if not len(lost):
             return _ACCEPTED
@@ -333,19 +333,19 @@ class _Ensemble:
             self._draws[at], self.values[at] = self._draws[parent], self.values[parent]
         accepted = 0
         for _ in range(_SWEEPS):
-            turned = self._turn([self._draws[at] for at in lost], rung.angle)
+            turned = self._rotate([self._draws[at] for at in lost], level.angle)
             for at, draw, value in zip(lost, turned, self._fly(turned), strict=True):
-                if value > rung.level:
+                if value > level.floor:
                     self._draws[at], self.values[at] = draw, value
                     accepted += 1
         return accepted / (_SWEEPS * len(lost))
 
-    def _turn(self, draws: Sequence[_Draw], angle: float) -> list[_Draw]:
+    def _rotate(self, draws: Sequence[_Draw], angle: float) -> list[_Draw]:
         others = self._rng.standard_normal((len(draws), len(self._campaign.spreads)))
         return [
             _Draw(
                 draw.seed,
-                (*draw.turns, NoiseTurn(seed=seed, angle_rad=angle)),
+                (*draw.turns, NoiseRotation(seed=seed, angle_rad=angle)),
                 math.cos(angle) * draw.normals + math.sin(angle) * other,
             )
             for draw, seed, other in zip(draws, self._take_seeds(len(draws)), others, strict=True)
@@ -370,7 +370,7 @@ class _Ensemble:
 
     def hits(self) -> tuple[RareFlight, ...]:
         """Return the worst distinct flights above the limit."""
-        best: dict[tuple[int, tuple[NoiseTurn, ...]], RareFlight] = {}
+        best: dict[tuple[int, tuple[NoiseRotation, ...]], RareFlight] = {}
         for i in np.argsort(-self.values, kind="stable").tolist():
             draw, value = self._draws[i], float(self.values[i])
             if value > self._event.limit and len(best) < _HITS:
@@ -378,7 +378,7 @@ class _Ensemble:
         return tuple(best.values())
 
 
-def make_rare_case(campaign: Campaign, seed: int, turns: tuple[NoiseTurn, ...], deltas: Sequence[float]) -> Case:
+def make_rare_case(campaign: Campaign, seed: int, turns: tuple[NoiseRotation, ...], deltas: Sequence[float]) -> Case:
     """Return the case of a flight with turned noise.
 
     Raises

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload, RotorFailure
 from firmware_model.config.requirement import Metric, Requirement
-from firmware_model.config.scenario import NoiseTurn, list_scenarios, load_scenario
+from firmware_model.config.scenario import NoiseRotation, list_scenarios, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
 from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep, MomentStep
 from firmware_model.numerics.rotations import euler_angles
@@ -62,7 +62,7 @@ def cases(number: int, *, sway: float = 1.0):
             ),
             seed=100 + i, gust_scale=0.5 + 0.05 * i,
             initial_attitude_deg=(sway * i, -0.5 * sway * i, 12.0 * sway * (i % 15)),
-            turns=tuple(NoiseTurn(seed=7 * i + k, angle_rad=0.3 + 0.1 * k) for k in range(i % 3)),
+            turns=tuple(NoiseRotation(seed=7 * i + k, angle_rad=0.3 + 0.1 * k) for k in range(i % 3)),
         )
         for i in range(number)
     ]  # fmt: skip

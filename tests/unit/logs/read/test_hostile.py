@@ -16,7 +16,7 @@ from firmware_model.errors import ConfigError
 from gustproof.flight.recording.bag import write_bag
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
-from gustproof.logs.read import kept
+from gustproof.logs.read import sample_store
 from gustproof.logs.read.read_log import read_log
 
 Write = Callable[[str, bytes], Path]
@@ -120,9 +120,9 @@ def test_read_log_of_what_is_no_file(tmp_path: Path) -> None:
 
 
 def test_read_log_bounds_what_it_keeps(written: Write, px4_log: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept, "_KEPT", 20_000)
+    monkeypatch.setattr(sample_store, "_KEPT", 20_000)
     with pytest.raises(ConfigError, match="more than 0 MiB of the signals that are used: cut it"):
         read_log(written("a.ulg", px4_log))
-    monkeypatch.setattr(kept, "_LARGEST", 1000)
+    monkeypatch.setattr(sample_store, "_LARGEST", 1000)
     with pytest.raises(ConfigError, match="is larger than"):
         read_log(written("a.ulg", px4_log))

@@ -40,7 +40,7 @@ def read_blocks(path: Path, consume: Callable[[bytes, int], int]) -> int:
     return len(buffer)
 
 
-class Kept:
+class SampleStore:
     """Records that are kept, by key; together they are bounded.
 
     Raises
