@@ -39,7 +39,7 @@ FLOATS = [0.0, 1.0, -1.0, 6.0, 21196.0, 1e9, 3.4e38, -3.4e38, 1e-45, float("nan"
 HOSTILE = [struct.pack("<f", value) for value in FLOATS] + [
     struct.pack("<I", value) for value in (1, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1)
 ]
-_GROWTH = 3_000  # blocks of memory that bounded tables and caches may still take after the first tenth
+_GROWTH = 1_000  # blocks of memory that bounded tables and caches may still take after the first tenth
 
 
 def place(message_id: int, name: str) -> tuple[int, int] | None:
@@ -192,7 +192,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_quarter_of_a_million_datagrams_leave_the_vehicle_as_good_as_before(kind):
+def test_a_tenth_of_a_million_datagrams_leave_the_vehicle_as_good_as_before(kind):
     signed = kind == "signed"
     endpoint = vehicle(**KINDS[kind], signing=Signing(KEY, NOW) if signed else None)
     generator = to_vehicle(endpoint, 1 + [*KINDS].index(kind), KEY if signed else None)
@@ -205,7 +205,7 @@ def test_a_quarter_of_a_million_datagrams_leave_the_vehicle_as_good_as_before(ki
         if now_us % 32 == 0:
             endpoint.poll(now_us)
 
-    assert feed(take, iter(generator), 250_000) < _GROWTH
+    assert feed(take, iter(generator), 100_000) < _GROWTH
     causes = {*DAMAGE_REASONS, RejectReason.OTHER_TARGET, RejectReason.UNUSED_MESSAGE, RejectReason.TOO_MANY_PEERS}
     causes |= (
         {RejectReason.NOT_SIGNED, RejectReason.WRONG_SIGNATURE, RejectReason.REPLAYED}

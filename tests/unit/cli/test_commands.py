@@ -295,6 +295,7 @@ def test_anyway_flies_what_is_refused_and_warns_of_it(tmp_path, direct):
     assert all(f"warning: {line}" in " ".join(plain.stdout.split()) for line in told)
 
 
+@pytest.mark.slow
 def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--output", first).exit_code == 0
@@ -304,6 +305,7 @@ def test_a_repetition_says_whether_it_is_equal(tmp_path, direct):
     assert again.stderr == f"gustproof: equal to {first} in every bit of its 15000 samples\n"
 
 
+@pytest.mark.slow
 def test_a_repetition_of_a_flight_that_now_differs_says_so_in_json(tmp_path, direct, monkeypatch):
     first, second = str(tmp_path / "first"), str(tmp_path / "second")
     assert run("fly", "calm", "--law", "pid-fair", "--output", first).exit_code == 0

@@ -108,6 +108,7 @@ CERTIFICATE = Certificate(
 )
 
 
+@pytest.mark.slow
 def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the_file(
     scheduled: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):

@@ -57,6 +57,7 @@ def identified(flight, tmp_path_factory):
     return folder, json.loads(result.stdout)
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_the_one_that_flew(identified):
     folder, document = identified
     vehicles = load_vehicle_set(folder / "twin.toml")

@@ -47,6 +47,7 @@ def spoilt(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_spoilt_gains_are_fragile_and_better_ones_are_written(quick, spoilt, monkeypatch):
     page, better = spoilt.with_suffix(".html"), spoilt.with_name("better.params")
     result = run(str(spoilt), "-o", str(page), "--better", str(better))

@@ -214,6 +214,7 @@ def kicks(name: str) -> Matrix:
     return np.array(list(kick(load_law(name), off_nominal())))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEFT_DEG)
 def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
     assert np.max(kicks(name)[:, :8]) <= LEFT_DEG[name]
@@ -224,6 +225,7 @@ def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
     assert np.max(kicks(name)[:, 8:]) <= LEFT_DEG[name] + 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEFT_DEG)
 def test_kicks_over_the_vertical_between_the_axes_are_recovered(name: str) -> None:
     """Half of the directions are near pitch: there Euler angles of the vehicle turn fastest."""
@@ -236,6 +238,7 @@ def test_kicks_over_the_vertical_between_the_axes_are_recovered(name: str) -> No
         assert max(left[8:]) <= 7.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi", "hinf-reference"])
 def test_every_step_to_seventy_and_forty_degrees_is_held(name: str) -> None:
     for euler_deg in itertools.product(

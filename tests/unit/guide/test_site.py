@@ -49,6 +49,7 @@ def pages(folder):
     return {path.stem: Reader(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.html"))}
 
 
+@pytest.mark.slow
 def test_every_page_of_the_contents_is_written(pages):
     assert set(pages) == {name for names in SECTIONS.values() for name in names}
     assert set(MADE) < set(pages)

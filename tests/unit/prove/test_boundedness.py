@@ -373,6 +373,7 @@ def test_worst_held_moment_stays_inside_and_reaches_most_of_the_box():
     assert np.all(flight.command <= box[:, COMMAND])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "least", "most"), [("hinf-scheduled", 0.5, 7.0), ("hinf-rates", 0.5, 5.0)])
 def test_the_truth_of_a_filtered_attitude_is_bounded_over_a_minute(name, least, most):
     certificate = certify(name)
@@ -425,6 +426,7 @@ def test_worst_moments_of_command_and_rate_reach_most_of_the_box(signal):
     assert np.all(reached >= 0.93 * box[:, signal])
 
 
+@pytest.mark.slow
 def test_no_flight_of_ten_thousand_leaves_the_box():
     law, certificate, rng = load_law("hinf-scheduled"), certify("hinf-scheduled"), np.random.default_rng(7)
     strapdown, proven = load_law("flagship"), certify("flagship")

@@ -41,6 +41,7 @@ def certificate() -> Certificate:
     return certify_lft(spring(), assumes={}, speeds={"stiffness": 1e-3})
 
 
+@pytest.mark.slow
 def test_a_slow_spring_has_a_bound_where_a_fast_one_has_none(certificate):
     assert not certify_lft(spring(), assumes={}).proven
     assert worst_schedule(spring()).gain > 1e3  # it is unstable: no proof could be had
@@ -63,6 +64,7 @@ def test_the_bound_grows_with_the_speed_until_there_is_none(certificate, faster)
     assert not certify_lft(spring(), assumes={}, speeds={"stiffness": 10.0}).proven
 
 
+@pytest.mark.slow
 def test_no_simulation_of_ten_thousand_exceeds_the_bound(faster):
     """The stiffness ramps up and down as fast as it may, w follows the resonance or not; 80 s, energy left unspent."""
     rng, runs, dt = np.random.default_rng(5), 10_000, 0.04

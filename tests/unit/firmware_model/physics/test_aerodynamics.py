@@ -145,6 +145,7 @@ def test_moments_from_outside_add_to_those_of_the_air_with_their_signs(vehicle):
     np.testing.assert_allclose(sensor_wrench(params, hovering, blown)[0], force / vehicle.mass)
 
 
+@pytest.mark.slow
 @by_vehicle
 def test_it_falls_no_faster_than_its_drag_lets_it(vehicle):
     params = constants(vehicle, 0.01)
@@ -163,6 +164,7 @@ def test_hover_is_trim(vehicle):
     np.testing.assert_allclose(records["specific_force_B"], [(0.0, 0.0, -GRAVITY)] * len(records), atol=1e-6)
 
 
+@pytest.mark.slow
 @by_vehicle
 @pytest.mark.parametrize("velocity", [(5.0, 0.0, 0.0), (-3.0, 4.0, 0.0)])
 def test_level_it_drifts_with_the_wind_toward_where_that_blows(vehicle, velocity):

@@ -76,6 +76,7 @@ def test_the_integration_error_falls_with_the_fourth_power_of_the_step() -> None
     assert math.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_spin_about_the_intermediate_axis_flips_and_about_the_others_stays() -> None:
     # I_x > I_y > I_z: y is the intermediate axis (Dzhanibekov's nut).
     flips, constants = REST._replace(omega_B=(1e-3, 3.0, 1e-3)), params(0.001)

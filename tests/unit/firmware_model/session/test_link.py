@@ -82,6 +82,7 @@ def test_delay_that_ends_lets_none_overtake():
     assert list(late_us[25:30]) == [16_000, 12_000, 8_000, 4_000, 0]
 
 
+@pytest.mark.slow
 def test_jitter_is_uniform():
     arrivals, _ = passed(JITTER)
     shares = np.sort(lateness(arrivals)) / 3_000
@@ -91,12 +92,14 @@ def test_jitter_is_uniform():
     assert np.abs(shares - (np.arange(MANY) + 0.5) / MANY).max() < 1.95 / math.sqrt(MANY)
 
 
+@pytest.mark.slow
 def test_jitter_longer_than_a_sample_lets_none_overtake():
     arrivals, _ = passed(Jitter(kind="jitter", most_s=0.05, **DIRECTION))
     assert [number for _, number in arrivals] == list(range(MANY))
     assert lateness(arrivals).max() <= 50_000
 
 
+@pytest.mark.slow
 def test_loss_has_its_probability_and_no_memory():
     arrivals, line = passed(LOSS)
     gone = lost(arrivals)
@@ -105,6 +108,7 @@ def test_loss_has_its_probability_and_no_memory():
     assert abs(np.sum(np.diff(gone) == 1) / MANY - 0.01) < 4.0 * sigma(0.01)
 
 
+@pytest.mark.slow
 def test_bursts_have_the_chains_share_and_mean_length():
     gone = lost(passed(BURSTS)[0])
     share, length = 0.02 / (0.02 + 0.25), 1.0 / 0.25
@@ -118,6 +122,7 @@ def test_bursts_have_the_chains_share_and_mean_length():
     assert abs(np.mean(np.array(bursts) == 1) - 0.25) < 4.0 * sigma(0.25, len(bursts))
 
 
+@pytest.mark.slow
 def test_losses_in_either_state_have_their_probability():
     leaky = BurstLoss(
         kind="burst_loss", to_bad=0.3, to_good=0.6, loss_in_bad=0.5, loss_in_good=0.05, **DIRECTION
@@ -127,6 +132,7 @@ def test_losses_in_either_state_have_their_probability():
     assert abs(len(lost(passed(leaky)[0])) / MANY - share) < 4.0 * sigma(share) * math.sqrt(1.1 / 0.9)
 
 
+@pytest.mark.slow
 def test_doubled_ones_arrive_twice_each_with_its_own_jitter():
     arrivals, line = passed(DOUBLING, JITTER)
     numbers = [number for _, number in arrivals]
@@ -138,6 +144,7 @@ def test_doubled_ones_arrive_twice_each_with_its_own_jitter():
     assert len(set(apart)) > 100
 
 
+@pytest.mark.slow
 def test_held_back_ones_are_overtaken():
     arrivals, line = passed(HOLDING)
     late_us = lateness(arrivals)
@@ -169,6 +176,7 @@ def test_too_narrow_a_link_fills_its_queue_then_crowds_out():
 ALL = (DELAY, JITTER, LOSS, BURSTS, DOUBLING, HOLDING, SLOW)
 
 
+@pytest.mark.slow
 def test_same_seed_is_the_same_link_and_another_is_not():
     assert passed(*ALL, count=2_000)[0] == passed(*ALL, count=2_000)[0]
     assert passed(*ALL, count=2_000)[0] != passed(*ALL, count=2_000, seed=2)[0]
@@ -181,6 +189,7 @@ def test_twice_as_many_begin_identically():
     assert [item for item in longer if item[0] < until_us] == [item for item in shorter if item[0] < until_us]
 
 
+@pytest.mark.slow
 def test_one_more_table_leaves_what_the_others_do():
     before, after = passed(JITTER, DOUBLING)[0], passed(JITTER, DOUBLING, LOSS)[0]
     late = dict(zip([number for _, number in before], lateness(before), strict=True))

@@ -558,6 +558,7 @@ def test_any_message_of_the_dialect_is_survived(vehicle):
     assert vehicle.endpoint.counters[RejectReason.REFUSED] > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_any_datagram_is_survived_and_counted(lockstep):
     vehicle = Vehicle(lockstep=lockstep)

@@ -52,6 +52,7 @@ def test_equal_records_do_not_differ_nor_do_those_of_a_flight_that_was_cut_off(b
     assert first_difference(bag, np.concatenate([flight(), flight()])) == (None, N)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", RECORD.names)
 @pytest.mark.parametrize("row", [0, 6, 7, 33, N - 1])
 def test_the_first_sample_that_differs_is_that_of_records_read_whole(bag, field, row):

@@ -102,6 +102,7 @@ def assert_same_bits(law: Law, inputs, tmp_path) -> None:
         assert 0 < np.count_nonzero(np.abs(states[:-1, 1]) > STEEP) < count
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_compiled_c_gives_the_bits_of_the_law_over_a_hundred_thousand_steps(tmp_path):
     law = load_law("aided")  # every part of the form: exact kinematics, specific force, limit of the rate
@@ -110,6 +111,7 @@ def test_compiled_c_gives_the_bits_of_the_law_over_a_hundred_thousand_steps(tmp_
     assert_same_bits(law, inputs, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 def test_c_of_the_default_law_gives_its_bits_while_its_rate_is_limited(tmp_path):
     law, rng = load_law("flagship"), np.random.default_rng(10)

@@ -24,6 +24,7 @@ Check = Callable[..., None]
 EXCERPT = Path(__file__).parent / "data" / "crazyflie.log"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["px4", "ardupilot", "text", "betaflight", "crazyflie", "bag", "csv"])
 def test_read_log_of_mutated_files(
     check_mutations: Check,

@@ -62,6 +62,7 @@ def campaign(tmp_path_factory):
     return result, out, told
 
 
+@pytest.mark.slow
 def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     result, out, told = campaign
     summary = json.loads((out / "summary.json").read_text())

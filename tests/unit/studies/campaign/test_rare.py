@@ -83,6 +83,7 @@ def test_an_estimate_is_repeated_to_the_bit(planned, here, known, monkeypatch):
     assert estimate_rare(replace(plan, seed=2), event, here).probability != found.probability
 
 
+@pytest.mark.slow
 def test_the_probability_of_a_tail_is_found(planned, here, known):
     plan, shown = planned(wanted=(), laws=("hinf-d1",), cases=1), []
     found = estimate_rare(plan, Threshold("peak_deg", 4.2649), here, progress=shown.append)
@@ -97,6 +98,7 @@ def test_the_probability_of_a_tail_is_found(planned, here, known):
     assert document["hits"][0]["value"] == max(hit.value for hit in found.hits) > 4.2649
 
 
+@pytest.mark.slow
 def test_dispersions_count_too(planned, here, known):
     plan = planned(wanted=GUST, laws=("hinf-d1",), cases=1)
     scales = np.linspace(0.5, 1.5, 2001)
@@ -115,6 +117,7 @@ def test_an_event_that_no_level_leads_to_has_a_bound(planned, here, known):
     assert found.to_dict()["plain_flights"] is None
 
 
+@pytest.mark.slow
 def test_a_hit_flies_again_to_the_bit_side_by_side_and_alone(planned, here):
     plan = planned(wanted=GUST, laws=("flagship",), cases=1)
     found = estimate_rare(plan, Threshold("peak_yaw_deg", 0.2), here)

@@ -75,6 +75,7 @@ def tuned(judge):
     return judge("tuned", autopilot_law("px4", TUNED, PAPER.nominal).law)
 
 
+@pytest.mark.slow
 def test_a_sound_law_has_a_proof_and_a_worst_gust():
     found = judge_law(load_law("flagship"), PAPER, replace(AIR, duration_s=10.0))
     assert (found.verdict, found.is_proved, len(found.reasons)) == (Verdict.SOUND, True, 1)
@@ -90,6 +91,7 @@ def test_a_sound_law_has_a_proof_and_a_worst_gust():
     assert document["axes"]["roll"]["Ms_proved"] == found.axes[0].Ms_proved
 
 
+@pytest.mark.slow
 def test_the_proved_peak_covers_every_vehicle_in_the_spreads(tuned):
     rng, low, high = np.random.default_rng(3), np.array(tuned.box.low), np.array(tuned.box.high)
     peaks = []
@@ -102,6 +104,7 @@ def test_the_proved_peak_covers_every_vehicle_in_the_spreads(tuned):
     assert proved == tuned.Ms_over_spreads < 1.01 * max(axis.Ms_found for axis in tuned.axes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), list(MEASURED))
 def test_predicted_error_is_that_of_real_flights(judge, kind, name):
     found = judge((kind, name), autopilot_law(kind, gains(kind, name), PAPER.nominal).law)

@@ -53,6 +53,7 @@ def test_modes_are_named_and_drawn_by_their_places(recorded):
     assert np.array_equal(chart.curves[0].y, np.repeat([1.0, 2.0, 0.0], (100, 200, N - 300)))
 
 
+@pytest.mark.slow
 def test_an_attitude_that_is_asked_for_is_drawn_dashed_with_the_one_that_is_flown(recorded):
     """The scenario asks for 10 degrees of roll from 2 s on, and of pitch instead from 9 s on."""
     n, time = 2500, 0.004 * np.arange(2500)
