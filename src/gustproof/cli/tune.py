@@ -21,7 +21,7 @@ from gustproof.cli.options import (
     progress,
     refuse_given,
 )
-from gustproof.design.literature.structures import BASELINES
+from gustproof.design.structures import BASELINES, LawKind
 from gustproof.show.report.figure_style import FigureStyle, figures_as
 
 if TYPE_CHECKING:
@@ -30,15 +30,10 @@ if TYPE_CHECKING:
 
 
 class LawStructure(Enum):
-    """Structure of a law: a `design.tune.LawKind`, or a baseline."""
+    """Structure of a law: a `LawKind`, or a law of the literature."""
 
-    FLAGSHIP = "flagship"
-    PID = "pid"
-    INDI = "indi"
-    AIDED = "aided"
-    HINF = "hinf"
-    HINF_RATES = "hinf-rates"
-    vars().update({name: name for name in BASELINES})
+    FLAGSHIP = LawKind.FLAGSHIP.value
+    vars().update({name: str(name) for name in (*LawKind, *BASELINES)})
 
 
 class TunedAutopilot(Enum):

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,13 @@ from gustproof.airframe.predict import predict
 from gustproof.airframe.tradeoff import LinearLaws, TradeOff, linear_laws
 from gustproof.design.cascades.flagship import flagship_law
 from gustproof.design.cascades.indi import indi_law
-from gustproof.design.cascades.pid_baseline import baseline_pid, tune_baseline
+from gustproof.design.cascades.pid_baseline import baseline_pid, tune_pid_gains
 from gustproof.design.cascades.rate_loop import identify_rate_loop
 from gustproof.design.cascades.tuning import SPREADS, TuningLimits
 from gustproof.design.derive import derive
 from gustproof.design.designs import Design, Weight, load_design
 from gustproof.design.levelling import level_cascade
+from gustproof.design.structures import LawKind
 from gustproof.design.weights_search import gust_rms, scale, search_weights
 from gustproof.errors import DesignError
 from gustproof.flight.routes.direct import fly_direct
@@ -62,23 +62,6 @@ _ROUNDING = 1e-6
 """[-] relative excess over a limit that counts as rounding."""
 
 Progress = Callable[[float, str], None]
-
-
-class LawKind(StrEnum):
-    """Structure of a law."""
-
-    FLAGSHIP = "flagship"
-    """Strapdown cascade with a biquad."""
-    PID = "pid"
-    """Strapdown cascade, the structure of the law `pid-fair`."""
-    INDI = "indi"
-    """Incremental nonlinear dynamic inversion."""
-    AIDED = "aided"
-    """The flagship's cascade, levelled by the accelerometer."""
-    HINF = "hinf"
-    """Self-scheduled H-infinity law of gyros alone, weighted by the gusts' spectrum."""
-    HINF_RATES = "hinf-rates"
-    """H-infinity law that commands rates to the vehicle's own loops."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -241,7 +224,7 @@ def tune_law(
     task = make_task(chosen, vehicles, scenario, slew=slew, sensitivity_peak=sensitivity_peak, progress=progress)
     if chosen is LawKind.HINF_RATES:
         return _tune_rates(task)
-    law, limits = find_law(task, _MAKERS[chosen], is_quick=chosen in _CASCADES)
+    law, limits = find_law(task, _MAKERS[chosen], is_quick=chosen is not LawKind.HINF)
     if chosen is LawKind.FLAGSHIP:
         law, limits = _add_margins(task, law, limits)
     return judge_tuned(task, law, limits)
@@ -358,7 +341,7 @@ def _make_from_design(design: Design, task: TuningTask, limits: TuningLimits) ->
     return search_weights(named, task.vehicle, task.scenario, limits, task.corners)
 
 
-_CASCADES: dict[LawKind, Maker] = {
+_MAKERS: dict[LawKind, Maker] = {
     LawKind.FLAGSHIP: lambda task, limits: flagship_law(
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
@@ -369,9 +352,8 @@ _CASCADES: dict[LawKind, Maker] = {
         task.vehicle, task.scenario, name=task.name, limits=limits, corners=task.corners
     ),
     LawKind.AIDED: _make_aided,
+    LawKind.HINF: _make_hinf,
 }
-"""Searches of a second or two."""
-_MAKERS: dict[LawKind, Maker] = {**_CASCADES, LawKind.HINF: _make_hinf}
 
 
 def find_law(task: TuningTask, make: Maker, *, is_quick: bool) -> tuple[Law, TuningLimits]:
@@ -469,7 +451,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
     vehicle, scenario = task.vehicle, task.scenario
     task.progress(0.3, "margins of a PID")
     try:
-        gains = tune_baseline(vehicle, scenario, task.limits)
+        gains = tune_pid_gains(vehicle, scenario, task.limits)
         pid = worst_margins(baseline_pid(vehicle, scenario, limits=task.limits, gains=gains), vehicle, scenario)
         most = (1.0 + ROBUSTNESS_PRICE) * task.least(task.limits)
     except DesignError:  # nothing to measure against

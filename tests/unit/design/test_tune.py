@@ -92,8 +92,7 @@ def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
 
     for check in ("_refuse_the_impossible", "check_price"):
         monkeypatch.setattr(tune, check, lambda *_: None)
-    for makers in (tune._CASCADES, tune._MAKERS):
-        monkeypatch.setitem(makers, tune.LawKind.PID, make)
+    monkeypatch.setitem(tune._MAKERS, tune.LawKind.PID, make)
     with pytest.raises(DesignError, match=r"no law; with this peak a slew of 0\.0707 N m/s can be met"):
         tune_law("pid", load_vehicle_set("iris"), AIR, slew=0.02)
 
@@ -162,7 +161,7 @@ def test_margins_that_no_gains_have_are_left_out(monkeypatch):
         raise DesignError("no gains")
 
     pid, law = load_law("pid-fair"), load_law("flagship")
-    for name, found in (("tune_baseline", None), ("baseline_pid", pid)):
+    for name, found in (("tune_pid_gains", None), ("baseline_pid", pid)):
         monkeypatch.setattr(tune, name, lambda *_, found=found, **__: found)
     monkeypatch.setattr(tune, "flagship_law", refuse)
     task = make_task("flagship", load_vehicle_set("paper"), AIR, slew=None, sensitivity_peak=1.4, progress=print)

@@ -17,7 +17,7 @@ def _start(speed: float) -> Gains:
     return Gains(angle_p=4.0 * speed, rate_p=8.0 * speed, rate_i=16.0 * speed**2, rate_d=0.3, derivative_cutoff=cutoff)
 
 
-def tune_baseline(
+def tune_pid_gains(
     vehicle: Vehicle, scenario: Scenario, limits: TuningLimits, corners: Sequence[Vehicle] = ()
 ) -> list[Gains]:
     """Return the gains of roll, pitch and yaw with the least attitude error, pooled over the axes.
@@ -47,8 +47,8 @@ def baseline_pid(
     corners: Sequence[Vehicle] = (),
     gains: Sequence[Gains] | None = None,
 ) -> Law:
-    """Return the law with `gains`, by default those of `tune_baseline`; its provenance has gains and limits."""
-    gains = tune_baseline(vehicle, scenario, limits, corners) if gains is None else gains
+    """Return the law with `gains`, by default those of `tune_pid_gains`; its provenance has gains and limits."""
+    gains = tune_pid_gains(vehicle, scenario, limits, corners) if gains is None else gains
     limit, dt = vehicle.stabilizer.rate_limit, scenario.dt
     axes = [strapdown_axis(each, J, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
     provenance = Provenance(

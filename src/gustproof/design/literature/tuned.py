@@ -11,7 +11,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from gustproof.design.autopilot_gains import tune_gains
 from gustproof.design.literature.structure import AxisStructure
-from gustproof.design.literature.structures import BASELINES
+from gustproof.design.structures import BASELINES
 from gustproof.design.tune import (
     SENSITIVITY_PEAK,
     Progress,

@@ -10,10 +10,10 @@ from firmware_model.errors import ConfigError
 from gustproof.design.cascades.autotune import autotune_pid
 from gustproof.design.derive import derive
 from gustproof.design.designs import list_designs, load_design
-from gustproof.design.literature.structures import BASELINES
 from gustproof.design.literature.tuned import tune_baseline
 from gustproof.design.shipped import PAPER_BANDWIDTH
-from gustproof.design.tune import SENSITIVITY_PEAK, LawKind, tune_law
+from gustproof.design.structures import BASELINES, LawKind
+from gustproof.design.tune import SENSITIVITY_PEAK, tune_law
 from gustproof.flight.controllers.entry import EntryKind, Pilot, parse_entry
 from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.law.form import Law, list_laws, load_law

@@ -23,7 +23,8 @@ from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import Prediction, predict
 from gustproof.airframe.tradeoff import linear_laws
 from gustproof.design.autopilot_gains import AutopilotTuning, tune_gains
-from gustproof.design.tune import LawKind, Tuning, default_slew, tune_law
+from gustproof.design.structures import LawKind
+from gustproof.design.tune import Tuning, default_slew, tune_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.prove.boundedness import FlightCertificate, certify_boundedness

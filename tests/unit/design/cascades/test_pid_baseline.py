@@ -9,7 +9,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.airframe.covariance import AxisPerformance, axis_models, axis_performance
-from gustproof.design.cascades.pid_baseline import tune_baseline
+from gustproof.design.cascades.pid_baseline import tune_pid_gains
 from gustproof.design.cascades.tuning import TuningLimits
 from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, strapdown_axis
@@ -21,7 +21,7 @@ PEAK, SLEW = 1.36, 20.0
 def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
     vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
     limits = TuningLimits(sensitivity_peak=PEAK, slew=SLEW)
-    models, best = axis_models(vehicle, scenario), tune_baseline(vehicle, scenario, limits)
+    models, best = axis_models(vehicle, scenario), tune_pid_gains(vehicle, scenario, limits)
     names = ("angle_p", "rate_p", "rate_i", "rate_d", "derivative_cutoff")
 
     def judged(axis: int, gains: Gains) -> AxisPerformance:
@@ -46,4 +46,4 @@ def test_no_neighbour_of_the_gains_is_better_at_the_same_price() -> None:
 def test_demands_that_no_cascade_meets_are_refused() -> None:
     limits = TuningLimits(sensitivity_peak=1.02, slew=0.5)
     with pytest.raises(DesignError, match=r"no cascade found at sensitivity peak 1\.02"):
-        tune_baseline(load_vehicle("paper"), load_scenario("paper-turbulence"), limits)
+        tune_pid_gains(load_vehicle("paper"), load_scenario("paper-turbulence"), limits)
