@@ -1,7 +1,8 @@
 """Read a PX4 log, ULog.
 
 A message has a size (uint16) and a kind, a letter. F names the fields of a topic, A gives a topic a number, and D is a
-sample of a number. P is a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker.
+sample of a number. P is a parameter, O a drop-out of the logger. Damage is passed over to the next sync marker, or to a
+sample of a number that is known.
 
 The gyro is the topic of the highest rate; of nearly equal ones the one that is filtered less. `sensor_combined` is a
 mean over its interval, so its stamps are put in the middle. A command has the stamp of its message.
@@ -59,6 +60,8 @@ class _Parser:
         self._fields: dict[str, dict[str, _Field]] = {}
         self._numbers: dict[int, str] = {}
         self._lengths: dict[str, int] = {}
+        self._subscribed = set[bytes]()  # numbers of all topics, as they stand in the file
+        self._sizes: dict[bytes, bytes] = {}  # of their samples
         self._messages: dict[int, Callable[[bytes], None]] = {
             ord("A"): self._on_topic,
             ord("B"): self._on_flags,
@@ -72,10 +75,9 @@ class _Parser:
         at, end = 0 if place else _HEADER, len(buffer)
         while at + 3 <= end:
             size, kind = buffer[at] | buffer[at + 1] << 8, buffer[at + 2]
-            if size == 0 or not 65 <= kind <= 90:  # no letter
-                marker = buffer.find(_SYNC, at + 4) - 3
+            if size == 0 or not 65 <= kind <= 90 or not self._is_usual(buffer, at):  # no letter
                 self.damaged -= at
-                at = marker if marker > at else max(at + 1, end - len(_SYNC) - 3)
+                at = self._resume(buffer, at + 1)
                 self.damaged += at
                 continue
             after = at + 3 + size
@@ -88,6 +90,27 @@ class _Parser:
             at = after
         return min(at, end)
 
+    def _is_usual(self, buffer: bytes, at: int) -> bool:
+        """Return False for a sample whose size is not that of its number."""
+        if buffer[at + 2] != _DATA or at + 5 > len(buffer):
+            return True
+        number = buffer[at + 3 : at + 5]
+        return (
+            number not in self._subscribed or self._sizes.setdefault(number, buffer[at : at + 2]) == buffer[at : at + 2]
+        )
+
+    def _resume(self, buffer: bytes, at: int) -> int:
+        """Return the place of the next sync marker, or of a known sample before another message."""
+        begins = [re.escape(size + b"D" + number) for number, size in self._sizes.items()]
+        for match in re.compile(b"|".join([re.escape(_SYNC), *begins])).finditer(buffer, at):
+            place = match.start()
+            if match[0] == _SYNC:
+                return max(at, place - 3)
+            after = place + 3 + (buffer[place] | buffer[place + 1] << 8)
+            if after + 5 > len(buffer) or (65 <= buffer[after + 2] <= 90 and self._is_usual(buffer, after)):
+                return place
+        return max(at, len(buffer) - len(_SYNC) - 3)
+
     def _on_data(self, buffer: bytes, begin: int, end: int, place: int) -> None:
         topic = self._numbers.get(buffer[begin] | buffer[begin + 1] << 8) if end - begin > 2 else None
         if topic is None:
@@ -99,6 +122,7 @@ class _Parser:
 
     def _on_topic(self, message: bytes) -> None:
         instance, number = struct.unpack_from("<BH", message)
+        self._subscribed.add(message[1:3])
         topic = message[3:].decode(errors="replace")
         if instance == 0 and topic in self._topics and topic not in self._numbers.values():
             self._numbers[number] = topic
