@@ -36,6 +36,13 @@ def test_released_loop_takes_the_height_where_it_is():
     assert loop.thrust(40, -19.0, 0.0) > 0.5
 
 
+def test_no_time_has_passed_at_the_first_position():
+    loop = HeightLoop(0.5)
+    first = loop.thrust(100, -10.0, 0.2)
+    assert loop.thrust(100, -10.0, 0.2) == first == 0.5 * (1.0 + 3.0 * 0.2 / 9.80665)
+    assert loop.thrust(120, -10.0, 0.2) > first
+
+
 def test_thrust_keeps_room_for_the_attitude():
     loop = HeightLoop(0.5)
     loop.thrust(0, -10.0, 0.0)

@@ -127,6 +127,8 @@ def test_recovery_counts_from_leaving_the_band_settling_from_the_windows_begin()
         assert result.value == pytest.approx(value, rel=ROUNDING)
         assert judged(records, metric=metric, within_deg=3.0).value == 0.0
         assert judged(records, metric=metric, within_deg=1.0, axis="roll").value == 0.0
+        at_once = judged(excursion(0, 100), metric=metric, within_deg=1.0)
+        assert at_once.value == pytest.approx(0.4, rel=ROUNDING)
 
 
 @pytest.mark.slow

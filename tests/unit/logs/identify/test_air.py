@@ -14,6 +14,7 @@ from gustproof.logs.identify.air import (
     Grid,
     _dryden,
     _smooth,
+    _step,
     estimate_air,
     replay_text,
     turbulence_density,
@@ -97,9 +98,20 @@ def test_the_smoother_is_the_conditional_mean_of_gaussian_signals():
     assert found == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("damping", "expected"), [(0.0, (1.0, 0.5)), (2.0, (np.exp(-1.0), (1.0 - np.exp(-1.0)) / 2.0))]
+)
+def test_a_step_is_exact_for_a_held_acceleration_with_and_without_damping(damping, expected):
+    assert _step(damping, 0.5) == pytest.approx(expected)
+
+
 def test_the_disturbance_of_a_flight_is_found(perfect, log_of):
     records = fly()
-    air = estimate_air(log_of(records), perfect(IRIS), IRIS)
+    log = log_of(records)
+    air = estimate_air(log, perfect(IRIS), IRIS)
+    late = {name: replace(each, time=each.time + 7.0) for name in ("gyro", "command") if (each := getattr(log, name))}
+    aloft = tuple((begin + 7.0, end + 7.0) for begin, end in log.airborne)
+    assert estimate_air(replace(log, airborne=aloft, **late), perfect(IRIS), IRIS).time == pytest.approx(air.time)
     truth = disturbance(records)[np.rint(air.time / 0.004).astype(int)]
     assert np.all(np.abs(decibels(air.acceleration.std(axis=0) / truth.std(axis=0))) < 2.0)
     for k, least in enumerate((0.95, 0.98, 0.85)):

@@ -3,6 +3,7 @@ import json
 import math
 from dataclasses import replace
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +19,7 @@ from gustproof.show.report.terminal import save_text
 from gustproof.studies.campaign.plan import DispersionKind
 from gustproof.studies.campaign.reader import read_campaign_metadata, read_run
 from gustproof.studies.campaign.runner import fly_campaign
-from gustproof.studies.campaign.statistics import compute_statistics
+from gustproof.studies.campaign.statistics import _compare_laws, compute_statistics
 from gustproof.studies.campaign.worker import FIGURES, ChunkResult, failed_rows
 
 CASES = 400
@@ -126,6 +127,13 @@ def test_differences_case_by_case_have_intervals_and_an_effect_size(table):
     line = next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line)
     assert f"mean difference {duel.difference.value:.4g} (" in line
     assert f" deg, effect size {duel.effect:.4g}" in line
+
+
+def test_one_case_has_a_difference_and_no_effect_size():
+    two = SimpleNamespace(laws=[SimpleNamespace(name="a"), SimpleNamespace(name="b")])
+    (duel,) = _compare_laws("rmse_deg", np.array([[3.0], [1.0]]), two)
+    assert duel.difference.value == 2.0
+    assert math.isnan(duel.effect)
 
 
 def test_figures_are_written_for_a_spreadsheet_and_for_a_paper(table, tmp_path):

@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from firmware_model.types import ImuSample
+from gustproof.flight.endpoint.excitation import (
+    _AXIS_S,
+    _MEASURED_S,
+    _SETTLE_S,
+    DT,
+    _excitation,
+    _excitation_law,
+    _Recorder,
+)
+
+
+def test_records_are_the_measured_part_of_each_axis_after_it_settled():
+    added = dict(_excitation())
+    recorder, k, whole, start_us, step_us = _Recorder(), 0, False, 500_000, round(1e6 * DT)
+    while not whole:
+        sample = ImuSample(start_us + k * step_us, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
+        whole = recorder.add(sample, added.get(k * step_us, (0.0, 0.0, 0.0)))
+        k += 1
+    assert k * DT == pytest.approx(3.0 * _AXIS_S, abs=3.0 * DT)
+    for axis, record in enumerate(recorder.split()):
+        begin = axis * _AXIS_S + _SETTLE_S
+        assert record.time[[0, -1]] == pytest.approx([begin, begin + _MEASURED_S - DT], abs=1.5 * DT)
+        expected = [added[step_us * round(time / DT)][axis] for time in record.time]
+        assert np.array_equal(record.command, expected)
+        assert np.ptp(record.command) > 0.5
+        assert set(record.rate) == {axis + 1.0}
+
+
+def test_the_law_commands_its_reference_against_its_attitude():
+    law, attitude, reference = _excitation_law(), np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.6, 0.7])
+    command = law.C @ np.concatenate([attitude, np.zeros(3)]) + law.D[:, 3:] @ reference
+    assert command == pytest.approx(reference - 0.5 * attitude)
+    assert np.array_equal(law.G[:3], DT * np.eye(3))
