@@ -1,7 +1,7 @@
 """Airframe data of a vehicle file (TOML): the numbers behind simulation and design models."""
 
 import math
-from dataclasses import field
+from dataclasses import field, replace
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
@@ -405,3 +405,18 @@ def list_vehicles() -> tuple[str, ...]:
     ('iris', 'octo', 'paper')
     """
     return list_shipped(VEHICLES)
+
+
+def is_named(vehicle: Vehicle, name: str) -> bool:
+    """Return whether a name means a vehicle: it is the vehicle's own, or a shipped one's with the same numbers.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> copy = replace(load_vehicle("iris"), name="my-iris")
+    >>> is_named(copy, "iris"), is_named(replace(copy, mass=1.8), "iris")
+    (True, False)
+    """
+    if name == vehicle.name or name not in list_vehicles():
+        return name == vehicle.name
+    return replace(load_vehicle(name), name=vehicle.name, source=vehicle.source) == vehicle

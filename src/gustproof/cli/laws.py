@@ -80,7 +80,7 @@ def find_law_vehicle(law: str, vehicle: str | None) -> str:
     ConfigError
         If none is given, and the law names none that is shipped.
     """
-    from firmware_model.config.vehicle import list_vehicles, load_vehicle
+    from firmware_model.config.vehicle import is_named, list_vehicles, load_vehicle
     from gustproof.law.form import load_law
 
     made_for = load_law(law).provenance.vehicle
@@ -89,8 +89,8 @@ def find_law_vehicle(law: str, vehicle: str | None) -> str:
             named = f"was designed for vehicle '{made_for}', which is not shipped" if made_for else "names no vehicle"
             raise ConfigError(f"law '{law}' {named}: give --vehicle FILE")
         return made_for
-    if (given := load_vehicle(vehicle).name) != made_for and made_for:
-        warning = printable(f"law '{law}' was designed for vehicle '{made_for}', not '{given}'")
+    if made_for and not is_named(given := load_vehicle(vehicle), made_for):
+        warning = printable(f"law '{law}' was designed for vehicle '{made_for}', not '{given.name}'")
         print(f"gustproof: warning: {warning}", file=sys.stderr)
     return vehicle
 

@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.events import ControllerKill
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
+from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body, is_named
 from firmware_model.errors import ConfigError
 from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
@@ -228,14 +228,14 @@ def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
         check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
     if isinstance(pilot, Law) and (line := objection(scenario, pilot, vehicle)):
         made_for = pilot.provenance.vehicle
-        other = f", and designed for '{made_for}'" if made_for not in ("", vehicle.name) else ""
+        other = f", and designed for '{made_for}'" if made_for and not is_named(vehicle, made_for) else ""
         raise ConfigError(f"{line}{other}; --anyway flies it all the same")
 
 
 def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
     """Return reasons to doubt the figures of a flight, a line each."""
     lines = [line for line in (objection(scenario, law, vehicle) or _doubt_link(scenario, law, vehicle),) if line]
-    if law.provenance.vehicle not in ("", vehicle.name):
+    if law.provenance.vehicle and not is_named(vehicle, law.provenance.vehicle):
         lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
     lines += [
         f"vehicle '{vehicle.name}' can't hover after the rotor failure at {sample * scenario.dt:g} s"

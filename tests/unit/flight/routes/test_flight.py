@@ -136,6 +136,13 @@ def test_check_refuses_a_law_that_is_unstable_on_the_vehicle():
     assert warnings(SHORT, load_law("pid-fair"), IRIS) == (unstable, other)
 
 
+def test_a_renamed_copy_of_the_laws_vehicle_is_no_other():
+    copy = replace(PAPER, name="my-twin")
+    assert warnings(SHORT, load_law("pid-fair"), copy) == ()
+    other = warnings(SHORT, load_law("pid-fair"), replace(copy, mass=1.01 * copy.mass))
+    assert other == ("law 'pid-fair' was designed for vehicle 'paper', not 'my-twin'",)
+
+
 def test_another_vehicles_law_is_named_where_it_is_stable():
     for name in ("pid-default", "hinf-rates"):
         check(SHORT, load_law(name), IRIS)
