@@ -18,8 +18,15 @@ from gustproof.flight.scoring.metrics import measure
 from gustproof.guide.drawings import WORST_MOMENT, draw_pictures, fly_both, tilt_deg
 from gustproof.law.form import load_law
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("_flown_here")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("_flown_here", "_few_points")]
 GUIDE = Path(str(files("gustproof.guide")))
+
+
+@pytest.fixture
+def _few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw the curves of `tune` through fewer points; the laws are the same."""
+    monkeypatch.setattr(tuning, "_SLEWS", (0.5, 2.0))
+    monkeypatch.setattr(tuning, "_PEAKS", (1.3, 1.6))
 
 
 def commands(page: str) -> list[str]:
@@ -64,8 +71,6 @@ def test_the_way_from_a_measured_inertia_to_c_runs_as_it_stands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tuning, "_SLEWS", (0.5, 2.0))  # fewer points of the curves that are drawn; the law is the same
-    monkeypatch.setattr(tuning, "_PEAKS", (1.3, 1.6))
     text = (GUIDE / "vehicle.md").read_text(encoding="utf-8")
     (file,) = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     (tmp_path / file.splitlines()[0].removeprefix("# ")).write_text(file, encoding="utf-8")
