@@ -101,6 +101,25 @@ def test_a_sound_law_is_told_as_json(quick):
     assert told["worst_gust"]["peak_deg"] > 0.0
 
 
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("RATE_RLL_P", "names of ArduCopter before 3.4"),
+        ("Q_A_RAT_RLL_P", "quadplane"),
+        ("INS_GYRO_FILTER", "no gain of"),
+    ],
+)
+def test_a_log_without_gains_that_are_known_is_refused(tmp_path, name, told):
+    path = tmp_path / "flight.log"
+    lines = [f"IMU, {2500 * i}, 0.1, {i % 7}e-3, 0.3" for i in range(1, 90)]
+    head = ["FMT, 11, 0, IMU, Qfff, TimeUS,GyrX,GyrY,GyrZ", f"PARM, 1000, {name}, 0.135"]
+    path.write_text("\n".join([*head, *lines, ""]))
+    result = run(str(path))
+    assert result.exit_code == 2
+    assert f"{path}: " in result.stderr.replace("\n", "")
+    assert told in result.stderr.replace("\n", " ")
+
+
 def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_path):
     gyro = LogSignal(time=np.arange(2.0), values=np.zeros((2, 3)))
     log = FlightLog(source="flight.ulg", system="px4", gyro=gyro, findings=("no accelerometer",),
