@@ -41,8 +41,8 @@ def judge(
     gains: Annotated[
         str,
         typer.Argument(
-            help="Parameters of PX4 or ArduPilot (.params, .param), a flight log (.ulg, .bin, .log) that has them, px4 or "
-            "ardupilot for their defaults, or a law."
+            help="Parameters of PX4 or ArduPilot (.params, .param), a flight log (.ulg, .bin, .log) that has them, px4 "
+            "or ardupilot for their defaults, or a law."
         ),
     ],
     vehicle: VehicleName = "paper",
