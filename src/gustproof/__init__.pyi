@@ -24,8 +24,8 @@ from gustproof.design.designs import load_design as load_design
 from gustproof.design.tune import default_slew as default_slew
 from gustproof.design.tune import tune_law as tune_law
 from gustproof.errors import DesignError as DesignError
-from gustproof.flight.controllers.entry import Entry as Entry
-from gustproof.flight.controllers.entry import parse_entry as parse_entry
+from gustproof.flight.controllers.entry import UserController as UserController
+from gustproof.flight.controllers.entry import parse_controller as parse_controller
 from gustproof.flight.controllers.stepper import make_stepper as make_stepper
 from gustproof.flight.recording.bag import read_bag as read_bag
 from gustproof.flight.recording.bag import write_bag as write_bag

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.protocol_check.findings import ASKED, Finding
 from gustproof.flight.protocol_check.inspection import check_controller
 
@@ -32,7 +32,7 @@ FAULTS = {
 
 def check(fault: str) -> list[Finding]:
     """Return what is found, but for deadlines that nobody could keep: on a busy machine the vehicle is late itself."""
-    entry = parse_entry(f"exec: '{sys.executable}' -S '{CLIENT}' {fault}")
+    entry = parse_controller(f"exec: '{sys.executable}' -S '{CLIENT}' {fault}")
     found = check_controller(entry, vehicle=load_vehicle("paper"), patience_s=2.0)
     return [finding for finding in found if finding.name != "not-judged"]
 

@@ -28,7 +28,7 @@ from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.recording.bag import write_bag
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import FlightPlan
@@ -91,7 +91,7 @@ def given(source: str) -> dict[str, Any]:
     """Return an entry as a bag has it, without the look at its file that would import the package above a module."""
     if source == "pkg.mod:make":
         return {"kind": "python", "source": source, "name": "mod", "digest": "0" * 64}
-    return parse_entry(source).to_dict()
+    return parse_controller(source).to_dict()
 
 
 def plan_of(source: str) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def make_table(*laws: Contestant, cases: int = 4) -> None:
 def contestant(source: str) -> Contestant:
     if source in AUTOPILOTS:
         return ExternalAutopilot(kind=source, build="build")
-    return parse_entry(source)
+    return parse_controller(source)
 
 
 @pytest.mark.parametrize("source", [*CONTROLLERS, *AUTOPILOTS])

@@ -12,7 +12,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.recording.folder import find_bag
@@ -49,7 +49,7 @@ make = Mine
 def entry(tmp_path):
     def write(end: str = "pass"):
         (tmp_path / "mine.py").write_text(ENTRY.format(end=end))
-        return parse_entry(f"{tmp_path}/mine.py:make")
+        return parse_controller(f"{tmp_path}/mine.py:make")
 
     return write
 
@@ -68,7 +68,7 @@ def test_a_library_flies_the_bits_of_its_law_on_every_route(tmp_path):
     law = load_law("flagship")
     save_c(law, tmp_path / "law.c")
     subprocess.run(["gcc", "-O1", "-shared", "-fPIC", "law.c", "-o", "law.so"], cwd=tmp_path, check=True)
-    library = parse_entry(f"{tmp_path}/law.so")
+    library = parse_controller(f"{tmp_path}/law.so")
     expected = fly_direct(SHORT, law, vehicle=VEHICLE, seed=5)
     flight = fly(SHORT, library, vehicle=VEHICLE, seed=5, out=tmp_path)
     assert first_difference_s(flight.records, expected) is None
@@ -97,13 +97,13 @@ def test_each_end_of_an_object_over_udp_has_a_name_and_its_records(entry, tmp_pa
 def test_an_object_that_cannot_be_made_is_bad_input(tmp_path):
     (tmp_path / "mine.py").write_text("make = lambda: 1 / 0\n")
     with pytest.raises(ConfigError, match=r"^controller .*: make\(\) raised ZeroDivisionError: .* \(mine.py:1\)$"):
-        fly(SHORT, parse_entry(f"{tmp_path}/mine.py:make"), vehicle=VEHICLE, out=tmp_path)
+        fly(SHORT, parse_controller(f"{tmp_path}/mine.py:make"), vehicle=VEHICLE, out=tmp_path)
 
 
 def test_an_object_that_is_late_in_real_time_is_told(entry, tmp_path):
     slow = ENTRY.replace("if self.samples == 50:", "if True:")
     (tmp_path / "mine.py").write_text(slow.format(end="time.sleep(0.012)"))
-    mine = parse_entry(f"{tmp_path}/mine.py:make")
+    mine = parse_controller(f"{tmp_path}/mine.py:make")
     flight = fly(SHORT, mine, vehicle=VEHICLE, out=tmp_path, real_time=True, default_ports=False)
     assert flight.outcome is FlightOutcome.CONTROLLER_LATE
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.protocol_check.inspection import check_controller
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.routes import processes
@@ -65,12 +65,12 @@ def test_client_of_the_guide_flies_and_is_found_sound(name, folder):
     about, records = read_bag(Path(told["bag"]))
     assert (len(records), about["controller"], about["law"]) == (250, told["controller"], None)
     assert len(list((folder / name).glob("*.tlog"))) == 1
-    found = check_controller(parse_entry(command), vehicle=load_vehicle("paper"))
+    found = check_controller(parse_controller(command), vehicle=load_vehicle("paper"))
     assert {finding.name for finding in found} <= {"not-judged"}  # on a busy machine nobody's deadlines are
 
 
 def test_a_program_flies_for_a_search_as_it_does_for_fly(folder):
-    pilot, script = parse_entry(client_command("client.c", folder)), replace(SECOND, duration_s=0.2)
+    pilot, script = parse_controller(client_command("client.c", folder)), replace(SECOND, duration_s=0.2)
     searched = fly_pilot(script, pilot, vehicle=load_vehicle("paper"))
     flown = processes.fly(script, pilot, vehicle=load_vehicle("paper"), out=folder / "flown")
     assert (searched.outcome, searched.message) == (FlightOutcome.DONE, flown.message)
@@ -90,7 +90,7 @@ def test_flights_of_clients_are_shown_on_a_page_and_repeated_to_the_bit(folder):
 
 
 def fly(fault: str, out: Path, words: str = ""):
-    entry = parse_entry(f"exec: '{sys.executable}' -S '{RAW_CLIENT}' {fault} {words}")
+    entry = parse_controller(f"exec: '{sys.executable}' -S '{RAW_CLIENT}' {fault} {words}")
     return processes.fly(SECOND, entry, vehicle=load_vehicle("paper"), out=out)
 
 

@@ -268,19 +268,19 @@ def confirm_flown(
     ConfigError
         If the command line does not name it, or names another.
     """
-    from gustproof.flight.controllers.entry import Entry, EntryKind, confirm_entry
+    from gustproof.flight.controllers.entry import ControllerKind, UserController, confirm_controller
     from gustproof.flight.routes.external import ExternalPlan, confirm_autopilot
 
     if isinstance(plan, ExternalPlan):
         if controller is not None:
             raise ConfigError(f"{where}: flown by '{plan.autopilot.name}', not by --controller")
         return plan._replace(autopilot=confirm_autopilot(plan.autopilot, autopilot, where))
-    if autopilot is not None or (controller is not None and not isinstance(plan.pilot, Entry)):
+    if autopilot is not None or (controller is not None and not isinstance(plan.pilot, UserController)):
         option = "--controller" if autopilot is None else "--autopilot"
         raise ConfigError(f"{where}: flown by '{plan.pilot.name}', not by {option}")
-    if not isinstance(plan.pilot, Entry):
+    if not isinstance(plan.pilot, UserController):
         return plan
-    pilot = confirm_entry(plan.pilot, controller, where)
-    told = f"its SHA-256 {pilot.digest[:16]}…" if pilot.kind is not EntryKind.PROGRAM else "its command"
+    pilot = confirm_controller(plan.pilot, controller, where)
+    told = f"its SHA-256 {pilot.digest[:16]}…" if pilot.kind is not ControllerKind.PROGRAM else "its command"
     print(f"gustproof: controller '{pilot.name}' is the one that flew, by {told}", file=sys.stderr)
     return plan._replace(pilot=pilot)

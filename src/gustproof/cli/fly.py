@@ -135,13 +135,15 @@ def _find_pilot(
 ) -> "tuple[Pilot, Vehicle]":
     """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.flight.controllers.entry import parse_entry
+    from gustproof.flight.controllers.entry import parse_controller
     from gustproof.flight.routes.flight import check
 
     if controller is not None and law is not None:
         raise ConfigError("--controller flies in place of a law; --law cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
-    flown: Pilot = choose_law(law, vehicles, script, quiet=quiet) if controller is None else parse_entry(controller)
+    flown: Pilot = (
+        choose_law(law, vehicles, script, quiet=quiet) if controller is None else parse_controller(controller)
+    )
     if not anyway:
         check(script, flown, vehicles.nominal)
     return flown, vehicles.nominal

@@ -38,9 +38,9 @@ def find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
     ConfigError
         If there is no such law or controller.
     """
-    from gustproof.flight.controllers.entry import parse_entry
+    from gustproof.flight.controllers.entry import parse_controller
 
-    return parse_entry(source) if is_entry(source) else find_law(source, vehicle, None)
+    return parse_controller(source) if is_entry(source) else find_law(source, vehicle, None)
 
 
 def is_parameter_file(name_or_path: str) -> bool:

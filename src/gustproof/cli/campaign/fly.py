@@ -43,7 +43,7 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.flight.controllers.entry import Entry
+    from gustproof.flight.controllers.entry import UserController
     from gustproof.studies.campaign.plan import Campaign, Contestant
     from gustproof.studies.campaign.statistics import CampaignStatistics
 
@@ -157,13 +157,13 @@ def _save_figures(found: "CampaignStatistics", figures: Iterable[Path]) -> None:
         (save_csv if path.suffix == ".csv" else save_latex)(found, path)
 
 
-def _find_entries(sources: Iterable[str]) -> "list[Entry]":
+def _find_entries(sources: Iterable[str]) -> "list[UserController]":
     """Return controllers that can fly in the processes of a campaign."""
-    from gustproof.flight.controllers.entry import EntryKind, parse_entry
+    from gustproof.flight.controllers.entry import ControllerKind, parse_controller
 
-    entries = list(map(parse_entry, sources))
+    entries = list(map(parse_controller, sources))
     for entry in entries:
-        if entry.kind is EntryKind.PROGRAM:
+        if entry.kind is ControllerKind.PROGRAM:
             raise ConfigError(f"controller '{entry.source}': a program flies one flight at a time, by gustproof fly")
     return entries
 

@@ -22,7 +22,7 @@ _LIBRARIES = (".so", ".dylib", ".dll")
 _SOURCES = "FILE.py:MAKER, PACKAGE.MODULE:MAKER, LIBRARY.so or 'exec: COMMAND'"
 
 
-class EntryKind(Enum):
+class ControllerKind(Enum):
     """Ways in which a controller is brought."""
 
     PYTHON = "python"
@@ -34,17 +34,17 @@ class EntryKind(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class UserController:
     """A controller that is no law file.
 
     Examples
     --------
-    >>> from gustproof import Entry, parse_entry
-    >>> isinstance(parse_entry("exec: node mine.mjs"), Entry)
+    >>> from gustproof import UserController, parse_controller
+    >>> isinstance(parse_controller("exec: node mine.mjs"), UserController)
     True
     """
 
-    kind: EntryKind
+    kind: ControllerKind
     """Way in which it is brought."""
     source: str
     """Text that names it on the command line."""
@@ -53,10 +53,10 @@ class Entry:
     digest: str
     """SHA-256 of its file; empty for a program."""
     given: bool = field(default=True, compare=False)
-    """True if its user named it. One that a bag or a table names is never loaded or started, see `confirm_entry`."""
+    """True if its user named it. One that a bag or table names is never loaded or started, see `confirm_controller`."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the entry as JSON values, input of `parse_entry_metadata`."""
+        """Return the entry as JSON values, input of `parse_controller_metadata`."""
         return {"kind": self.kind.value, "source": self.source, "name": self.name, "digest": self.digest}
 
     def check_given(self, where: object = "") -> None:
@@ -78,11 +78,11 @@ def refuse_named(where: object, program: str, line: str) -> ConfigError:
     return ConfigError(f"{flown} {program}; if you trust it, add: {line}")
 
 
-Pilot = Law | Entry
+Pilot = Law | UserController
 """Whatever computes the commands of a flight here."""
 
 
-def parse_entry(source: str) -> Entry:
+def parse_controller(source: str) -> UserController:
     """Return the entry that a text names.
 
     Raises
@@ -92,20 +92,24 @@ def parse_entry(source: str) -> Entry:
 
     Examples
     --------
-    >>> from gustproof import parse_entry
-    >>> parse_entry("exec: node mine.mjs").name
+    >>> from gustproof import parse_controller
+    >>> parse_controller("exec: node mine.mjs").name
     'mine'
     """
     if source.startswith(PROGRAM_PREFIX):
-        return Entry(kind=EntryKind.PROGRAM, source=source, name=_program_name(split_command(source)), digest="")
+        return UserController(
+            kind=ControllerKind.PROGRAM, source=source, name=_program_name(split_command(source)), digest=""
+        )
     if source.endswith(_LIBRARIES):
-        return Entry(kind=EntryKind.LIBRARY, source=source, name=Path(source).stem, digest=_digest(source, source))
+        return UserController(
+            kind=ControllerKind.LIBRARY, source=source, name=Path(source).stem, digest=_digest(source, source)
+        )
     place, _, maker = source.rpartition(":")
     if not maker.isidentifier():
         raise ConfigError(f"controller '{source}': is none of {_SOURCES}")
     file = place if place.endswith(".py") else _find_module(source, place)
     name = Path(file).stem if maker == "make" else f"{Path(file).stem}-{maker}"
-    return Entry(kind=EntryKind.PYTHON, source=source, name=name, digest=_digest(source, file))
+    return UserController(kind=ControllerKind.PYTHON, source=source, name=name, digest=_digest(source, file))
 
 
 def split_command(source: str) -> list[str]:
@@ -145,10 +149,10 @@ def _program_name(words: Sequence[str]) -> str:
     return next(scripts, Path(words[0])).stem
 
 
-def parse_entry_metadata(document: Any, where: object) -> Entry:
-    """Return the entry that `Entry.to_dict` has written, whatever has become of its file.
+def parse_controller_metadata(document: Any, where: object) -> UserController:
+    """Return the entry that `UserController.to_dict` has written, whatever has become of its file.
 
-    It tells what flew and can't fly: the document may come from anywhere, see `confirm_entry`.
+    It tells what flew and can't fly: the document may come from anywhere, see `confirm_controller`.
 
     Raises
     ------
@@ -157,12 +161,14 @@ def parse_entry_metadata(document: Any, where: object) -> Entry:
     """
     try:
         source, name, digest = (str(document[key]) for key in ("source", "name", "digest"))
-        return Entry(kind=EntryKind(document["kind"]), source=source, name=name, digest=digest, given=False)
+        return UserController(
+            kind=ControllerKind(document["kind"]), source=source, name=name, digest=digest, given=False
+        )
     except (KeyError, TypeError, ValueError):
         raise ConfigError(f"{where}: does not say which controller flew") from None
 
 
-def confirm_entry(flown: Entry, source: str | None, where: object) -> Entry:
+def confirm_controller(flown: UserController, source: str | None, where: object) -> UserController:
     """Return the entry that a user names to fly `flown` again.
 
     A program must have the same command. A file may lie elsewhere, and must have the same SHA-256 and maker.
@@ -175,7 +181,7 @@ def confirm_entry(flown: Entry, source: str | None, where: object) -> Entry:
     if source is None:
         flown.check_given(where)
         return flown
-    entry = parse_entry(source)
+    entry = parse_controller(source)
     if entry.kind is not flown.kind or _call_of(entry) != _call_of(flown):
         raise ConfigError(f"{where}: flown by controller '{flown.source}', not '{source}'")
     if entry.digest != flown.digest:
@@ -184,11 +190,11 @@ def confirm_entry(flown: Entry, source: str | None, where: object) -> Entry:
     return replace(entry, name=flown.name)
 
 
-def _call_of(entry: Entry) -> object:
+def _call_of(entry: UserController) -> object:
     """Return what of an entry its digest does not cover: the words of a program, or a maker's name."""
-    if entry.kind is EntryKind.PROGRAM:
+    if entry.kind is ControllerKind.PROGRAM:
         return split_command(entry.source)
-    return entry.source.rpartition(":")[2] if entry.kind is EntryKind.PYTHON else None
+    return entry.source.rpartition(":")[2] if entry.kind is ControllerKind.PYTHON else None
 
 
 def _find_module(source: str, module: str) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from firmware_model.numerics.compiled import INLINED
-from gustproof.flight.controllers.entry import Entry
+from gustproof.flight.controllers.entry import UserController
 from gustproof.law.form import GYRO_REFERENCE_SIZE, Output
 from gustproof.law.step import MEASURED_SIZE
 from gustproof.types import Array
@@ -85,7 +85,7 @@ class LibraryStepper:
         return self._command
 
 
-def load_library(entry: Entry) -> Library:
+def load_library(entry: UserController) -> Library:
     """Load the library of an entry.
 
     Raises
@@ -98,7 +98,7 @@ def load_library(entry: Entry) -> Library:
 
 
 @lru_cache(maxsize=32)
-def _load(entry: Entry) -> Library:
+def _load(entry: UserController) -> Library:
     path, where = Path(entry.source).resolve(), f"controller '{entry.source}'"
     try:
         loaded = ctypes.CDLL(str(path))

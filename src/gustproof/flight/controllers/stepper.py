@@ -21,7 +21,7 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
-from gustproof.flight.controllers.entry import Entry, EntryKind
+from gustproof.flight.controllers.entry import ControllerKind, UserController
 from gustproof.flight.controllers.time_limit import TimeLimitExceeded, time_limit
 from gustproof.law.form import Output
 from gustproof.types import Array
@@ -120,7 +120,7 @@ class CheckedStepper:
             ) from None
 
 
-def make_stepper(entry: Entry, vehicle: Vehicle, dt: float | None = None) -> CheckedStepper:
+def make_stepper(entry: UserController, vehicle: Vehicle, dt: float | None = None) -> CheckedStepper:
     """Make the controller of an entry, for a vehicle as its user knows it.
 
     The maker gets the vehicle if it takes an argument. An object of Python has the sample time `dt` [s], a library its
@@ -136,7 +136,7 @@ def make_stepper(entry: Entry, vehicle: Vehicle, dt: float | None = None) -> Che
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> import numpy as np
-    >>> from gustproof import load_vehicle, make_stepper, parse_entry
+    >>> from gustproof import load_vehicle, make_stepper, parse_controller
     >>> text = '''
     ... class Damper:
     ...     def reset(self):
@@ -151,14 +151,14 @@ def make_stepper(entry: Entry, vehicle: Vehicle, dt: float | None = None) -> Che
     >>> with TemporaryDirectory() as folder:
     ...     file = Path(folder) / "damper.py"
     ...     _ = file.write_text(text)
-    ...     damper = make_stepper(parse_entry(f"{file}:make"), load_vehicle("paper"))
+    ...     damper = make_stepper(parse_controller(f"{file}:make"), load_vehicle("paper"))
     >>> damper.step(np.array([1.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.004)[0]
     -0.1
     """
     entry.check_given()
-    if entry.kind is EntryKind.PROGRAM:
+    if entry.kind is ControllerKind.PROGRAM:
         raise ConfigError(f"controller '{entry.source}': is a program, which flies by MAVLink alone")
-    if entry.kind is EntryKind.LIBRARY:
+    if entry.kind is ControllerKind.LIBRARY:
         from gustproof.flight.controllers.library import LibraryStepper, load_library
 
         library = load_library(entry)

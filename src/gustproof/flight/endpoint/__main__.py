@@ -24,7 +24,7 @@ from firmware_model.process import access, realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.interrupts import call_on_interrupt
 from firmware_model.process.words import read_words
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import CheckedStepper, make_stepper
 from gustproof.flight.endpoint import DEFAULT_LAW, connection
 from gustproof.flight.endpoint.core import Flown
@@ -102,7 +102,7 @@ def run(options: ControllerOptions) -> int:
 def _make_entry(source: str, options: ControllerOptions) -> CheckedStepper:
     """Make the controller of a user's file, at the rate of the scenario."""
     script, vehicle = _read_scenario(options), read_json(Vehicle, options.vehicle) or load_vehicle(options.vehicle)
-    return make_stepper(parse_entry(source), vehicle, _DEFAULT_DT if script is None else script.dt)
+    return make_stepper(parse_controller(source), vehicle, _DEFAULT_DT if script is None else script.dt)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
-from gustproof.flight.controllers.entry import Entry
+from gustproof.flight.controllers.entry import UserController
 from gustproof.flight.controllers.library import Library, load_library
 from gustproof.flight.routes.direct import check_compatible
 from gustproof.flight.routes.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
@@ -96,7 +96,7 @@ class CaseResult:
     """Result of each requirement of the scenario."""
 
 
-def fly_many(scenario: Scenario, law: Law | Entry, cases: Sequence[Case]) -> list[CaseResult]:
+def fly_many(scenario: Scenario, law: Law | UserController, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
 
     An entry must be a C library in double precision; others fly one by one, see `fly_pilot`.
@@ -126,7 +126,9 @@ def _find_kernel(scenario: Scenario) -> Callable[[BatchSetup, Batch], None]:
     return fly_free if scenario.free else fly_on_stand
 
 
-def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Sequence[Case]], list[CaseResult]]:
+def make_batch_simulator(
+    scenario: Scenario, pilot: Law | UserController
+) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
     law, terms, step = _find_step(pilot)
 
@@ -151,7 +153,7 @@ def make_batch_simulator(scenario: Scenario, pilot: Law | Entry) -> Callable[[Se
     return fly
 
 
-def _find_step(pilot: Law | Entry) -> tuple[Law | Library, SparseLaw, int]:
+def _find_step(pilot: Law | UserController) -> tuple[Law | Library, SparseLaw, int]:
     """Return a law and its terms, or the library of an entry; address of its step."""
     if isinstance(pilot, Law):
         return pilot, _without_padding(sparse_law(pilot)), 0

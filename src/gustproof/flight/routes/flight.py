@@ -19,7 +19,13 @@ from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
 from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.airframe.hover import is_stable_at_hover, link_delay_samples
-from gustproof.flight.controllers.entry import Entry, EntryKind, Pilot, find_program, parse_entry_metadata
+from gustproof.flight.controllers.entry import (
+    ControllerKind,
+    Pilot,
+    UserController,
+    find_program,
+    parse_controller_metadata,
+)
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.upsets import describe_upsets
 from gustproof.flight.scoring.metrics import Metrics, measure
@@ -69,7 +75,7 @@ class Flight:
     """Journal file; `None` once a bag has replaced it."""
     autopilot: Mapping[str, Any] | None = None
     """Plan and facts of the real autopilot that flew: kind, version, build, parameters; `None` for our own."""
-    entry: Entry | None = None
+    entry: UserController | None = None
     """Controller that is no law, in control; `None` if a law or another autopilot was."""
     estimates: Records | None = None
     """(n,) attitudes as a real autopilot told them, see `firmware_model.recording.estimates`; `None` for our own."""
@@ -220,7 +226,7 @@ def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
         If there is an `objection` to a law, a program is not there, or the vehicle is impossible, at first or after an
         event.
     """
-    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+    if isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM:
         find_program(pilot.source)
     check_body(vehicle.inertia_B, vehicle.inertia_B, f"vehicle '{vehicle.name}'")
     for sample, plant in fault_schedule(vehicle, scenario):
@@ -252,7 +258,7 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
 def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     """Return the plan in the metadata of a bag or a journal.
 
-    A law can fly at once, an entry only after `gustproof.flight.controllers.entry.confirm_entry`.
+    A law can fly at once, an entry only after `gustproof.flight.controllers.entry.confirm_controller`.
 
     Raises
     ------
@@ -268,14 +274,17 @@ def parse_plan(metadata: Any, source: Path) -> FlightPlan:
 
 
 def _describe_pilot(pilot: Pilot) -> dict[str, Any]:
-    if isinstance(pilot, Entry):
+    if isinstance(pilot, UserController):
         return {"law": None, "controller": pilot.to_dict()}
     return {"law": {**pilot.to_dict(), "order": pilot.order}}
 
 
 def by_kind(pilot: Pilot | None) -> dict[str, Any]:
     """Return the fields of a `Flight` that hold its pilot."""
-    return {"law": pilot if isinstance(pilot, Law) else None, "entry": pilot if isinstance(pilot, Entry) else None}
+    return {
+        "law": pilot if isinstance(pilot, Law) else None,
+        "entry": pilot if isinstance(pilot, UserController) else None,
+    }
 
 
 def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Pilot | None, Vehicle, int, bool]:
@@ -294,7 +303,7 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Pilot | None,
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
     script = validate(Scenario, scenario, f"{source}: scenario")
-    pilot: Pilot | None = None if entry is None else parse_entry_metadata(entry, source)
+    pilot: Pilot | None = None if entry is None else parse_controller_metadata(entry, source)
     if law is not None:
         pilot = parse_law(law, f"{source}: law")
     return script, pilot, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time

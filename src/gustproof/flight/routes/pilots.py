@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.flight.controllers.entry import Entry, EntryKind, Pilot
+from gustproof.flight.controllers.entry import ControllerKind, Pilot, UserController
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
 from gustproof.flight.routes.direct import fly_direct, fly_library, fly_stepper
@@ -49,21 +49,21 @@ def fly_pilot(
     >>> fly_pilot(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
     'flown to the end'
     """
-    if isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM:
+    if isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM:
         with TemporaryDirectory() as folder:
             flight = fly(scenario, pilot, vehicle=vehicle, seed=seed, out=Path(folder))
             return PilotFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
-    if isinstance(pilot, Entry):
+    if isinstance(pilot, UserController):
         return _fly_entry(scenario, pilot, vehicle, seed, vehicle if nominal is None else nominal)
     route = fly_loopback if scenario.has_link_script else fly_direct
     return _end(scenario, route(scenario, pilot, vehicle=vehicle, seed=seed), None)
 
 
-def _fly_entry(scenario: Scenario, entry: Entry, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
+def _fly_entry(scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
     if scenario.has_link_script:
         made = make_stepper(entry, nominal, scenario.dt)
         return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
-    if entry.kind is EntryKind.LIBRARY and not (library := load_library(entry)).is_single:
+    if entry.kind is ControllerKind.LIBRARY and not (library := load_library(entry)).is_single:
         records, fault = fly_library(scenario, library, vehicle=vehicle, seed=seed)
         failure = StepError(StepFault.NOT_FINITE, f"controller '{entry.name}': commanded {fault}") if fault else None
         return _end(scenario, records, failure)

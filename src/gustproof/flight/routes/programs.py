@@ -6,7 +6,7 @@ from typing import Any
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.mavlink.reasons import RejectReason
-from gustproof.flight.controllers.entry import Entry, EntryKind, Pilot, find_program
+from gustproof.flight.controllers.entry import ControllerKind, Pilot, UserController, find_program
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import Law
 
@@ -17,7 +17,7 @@ _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
 
 def is_program(pilot: Pilot) -> bool:
     """Return whether a pilot is an external program."""
-    return isinstance(pilot, Entry) and pilot.kind is EntryKind.PROGRAM
+    return isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM
 
 
 def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bool, level: bool = False) -> list[str]:
@@ -31,11 +31,11 @@ def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bo
     ConfigError
         If the pilot is a program that is not there, or a controller that its user did not name.
     """
-    if isinstance(pilot, Entry):
+    if isinstance(pilot, UserController):
         pilot.check_given()
     if isinstance(pilot, Law):
         flown = ["--law", str(files["law"]), *([] if level else ["--scenario", str(files["scenario"])])]
-    elif pilot.kind is EntryKind.PROGRAM:
+    elif pilot.kind is ControllerKind.PROGRAM:
         return ["gustproof.flight.endpoint.guard", *find_program(pilot.source)]
     else:
         read = ["--vehicle", str(files["nominal"]), "--scenario", str(files["scenario"])]

@@ -17,7 +17,12 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import Entry, EntryKind, confirm_entry, parse_entry_metadata
+from gustproof.flight.controllers.entry import (
+    ControllerKind,
+    UserController,
+    confirm_controller,
+    parse_controller_metadata,
+)
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.routes.batch import Case
 from gustproof.flight.routes.external import ExternalAutopilot, confirm_autopilot, parse_autopilot
@@ -31,7 +36,7 @@ _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
-Contestant = Law | Entry | ExternalAutopilot
+Contestant = Law | UserController | ExternalAutopilot
 """Whatever flies a campaign."""
 
 
@@ -232,9 +237,9 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
 
 def flies_in_lanes(contestant: Contestant) -> bool:
     """Return whether a contestant flies in the compiled loop over many flights: laws, and C in double precision."""
-    if not isinstance(contestant, Entry):
+    if not isinstance(contestant, UserController):
         return isinstance(contestant, Law)
-    return contestant.kind is EntryKind.LIBRARY and not load_library(contestant).is_single
+    return contestant.kind is ControllerKind.LIBRARY and not load_library(contestant).is_single
 
 
 def is_given(law: Contestant) -> bool:
@@ -266,8 +271,8 @@ def confirm(law: Contestant, given: Sequence[Contestant], where: object) -> Cont
     if is_given(law) or isinstance(law, Law):
         return law
     same = next((each for each in given if each.name == law.name and type(each) is type(law)), None)
-    if isinstance(law, Entry):
-        return confirm_entry(law, same.source if isinstance(same, Entry) else None, where)
+    if isinstance(law, UserController):
+        return confirm_controller(law, same.source if isinstance(same, UserController) else None, where)
     return confirm_autopilot(law, same if isinstance(same, ExternalAutopilot) else None, where)
 
 
@@ -279,8 +284,8 @@ def trust(law: Contestant) -> Contestant:
     ConfigError
         If its file is not there, or another one.
     """
-    if isinstance(law, Entry):
-        return confirm_entry(law, law.source, "campaign")
+    if isinstance(law, UserController):
+        return confirm_controller(law, law.source, "campaign")
     return law if isinstance(law, Law) else replace(law, given=True)
 
 
@@ -288,5 +293,5 @@ def _parse_contestant(document: Any, source: Path | str) -> Contestant:
     if "autopilot" in document:
         return parse_autopilot(document, source)
     if "kind" in document:
-        return parse_entry_metadata(document, source)
+        return parse_controller_metadata(document, source)
     return parse_law(document, f"{source}: law")

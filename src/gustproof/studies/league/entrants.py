@@ -14,7 +14,7 @@ from gustproof.design.literature.tuned import tune_baseline
 from gustproof.design.shipped import PAPER_BANDWIDTH
 from gustproof.design.structures import BASELINES, LawKind
 from gustproof.design.tune import SENSITIVITY_PEAK, tune_law
-from gustproof.flight.controllers.entry import EntryKind, Pilot, parse_entry
+from gustproof.flight.controllers.entry import ControllerKind, Pilot, parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.write.matrices import read_law
@@ -57,7 +57,7 @@ def tuning_air() -> Scenario:
 
 
 def parse_entrant(source: str) -> Entrant:
-    """Return the entrant of a text: a law's name, NAME@PEAK, a law file, or what `parse_entry` takes.
+    """Return the entrant of a text: a law's name, NAME@PEAK, a law file, or what `parse_controller` takes.
 
     Raises
     ------
@@ -73,11 +73,11 @@ def parse_entrant(source: str) -> Entrant:
     if is_law_file(source):
         return Entrant(name=Path(source.replace(VEHICLE_FIELD, "")).stem.strip("-_."), source=source)
     try:
-        entry = parse_entry(source.replace(VEHICLE_FIELD, "paper"))
+        entry = parse_controller(source.replace(VEHICLE_FIELD, "paper"))
     except ConfigError as error:
         known = ", ".join(_tuners())
         raise ConfigError(f"--entry '{source}': no law, file or object of that name ({error}); laws: {known}") from None
-    if entry.kind is EntryKind.PROGRAM:
+    if entry.kind is ControllerKind.PROGRAM:
         raise ConfigError(f"--entry '{source}': programs fly in `fly` and `worst-case`, the league takes what repeats")
     return Entrant(name=entry.name.replace("_", "-"), source=source)
 
@@ -112,7 +112,7 @@ def make_pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
         return _tuners()[name](vehicles, _parse_peak(source, peak) if at else SENSITIVITY_PEAK)
     if is_law_file(source):
         return read_law(source)
-    entry = parse_entry(source)
+    entry = parse_controller(source)
     make_stepper(entry, vehicle)
     return entry
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.library import LibraryStepper, load_library
 from gustproof.law.form import Output, load_law
 from gustproof.law.step import step
@@ -36,7 +36,7 @@ def build(tmp_path):
             source = tmp_path / f"{name}.c"
         out = tmp_path / f"{name}.so"
         subprocess.run(["gcc", "-O1", "-shared", "-fPIC", source, "-o", out], check=True)
-        return parse_entry(str(out))
+        return parse_controller(str(out))
 
     return compile_
 
@@ -85,4 +85,4 @@ def test_a_library_without_one_laws_facts_is_bad_input(build, text, complaint):
 def test_a_file_that_is_no_library_is_bad_input(tmp_path):
     (tmp_path / "law.so").write_text("no ELF")
     with pytest.raises(ConfigError, match=r"law\.so': .*(invalid ELF|too short)"):
-        load_library(parse_entry(f"{tmp_path}/law.so"))
+        load_library(parse_controller(f"{tmp_path}/law.so"))

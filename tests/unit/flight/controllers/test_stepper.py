@@ -8,7 +8,7 @@ import pytest
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers import stepper
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
 from gustproof.flight.controllers.time_limit import TimeLimitExceeded, time_limit
 
@@ -31,7 +31,7 @@ def entry(tmp_path):
     def write(step: str = "return -gyro", make: str = "make = Mine"):
         file = tmp_path / "mine.py"
         file.write_text(BODY.format(step=step, make=make))
-        return parse_entry(f"{file}:make")
+        return parse_controller(f"{file}:make")
 
     return write
 

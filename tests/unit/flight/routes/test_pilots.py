@@ -10,7 +10,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import MomentStep
 from gustproof.flight.controllers import stepper
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.flight.routes.batch import Case, fly_many
 from gustproof.flight.routes.direct import fly_direct, fly_stepper
@@ -73,14 +73,14 @@ int mine_step(double *x, double *y, double *u)
 def compile_library(compiler: str, source: Path):
     out = source.with_suffix(f".{compiler}.so")
     subprocess.run([compiler, "-O3", "-march=native", "-shared", "-fPIC", source, "-o", out], check=True)
-    return parse_entry(str(out))
+    return parse_controller(str(out))
 
 
 @pytest.fixture
 def entry(tmp_path):
     def write(text: str):
         (tmp_path / "mine.py").write_text(text)
-        return parse_entry(f"{tmp_path}/mine.py:make")
+        return parse_controller(f"{tmp_path}/mine.py:make")
 
     return write
 

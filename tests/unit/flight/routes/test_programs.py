@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_entry, split_command
+from gustproof.flight.controllers.entry import parse_controller, split_command
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.programs import controller_command, describe_start, refine_outcome
 
@@ -53,14 +53,14 @@ def test_set_points_that_stopped_behind_the_clock_were_late(late, named):
 def test_words_are_split_without_a_shell_and_name_the_program():
     assert split_command("exec: sh -c 'a b' $HOME *") == ["sh", "-c", "a b", "$HOME", "*"]
     names = {"exec: sh": "sh", "exec: node --port=1.5 a/mine.mjs {address}": "mine", "exec: ./law --seed 3": "law"}
-    assert {source: parse_entry(source).name for source in names} == names
+    assert {source: parse_controller(source).name for source in names} == names
     with pytest.raises(ConfigError, match="No closing quotation"):
         split_command("exec: sh 'a")
 
 
 def test_program_is_started_under_its_guard_and_must_be_there():
-    assert controller_command(parse_entry("exec: sh a {address}"), {}, real_time=True) == [
+    assert controller_command(parse_controller("exec: sh a {address}"), {}, real_time=True) == [
         "gustproof.flight.endpoint.guard", "sh", "a", "{address}",
     ]  # fmt: skip
     with pytest.raises(ConfigError, match="there is no program 'no-such-program'"):
-        controller_command(parse_entry("exec: no-such-program"), {}, real_time=True)
+        controller_command(parse_controller("exec: no-such-program"), {}, real_time=True)

@@ -9,7 +9,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.pilots import fly_pilot
@@ -34,7 +34,7 @@ def source(request) -> str:
 
 @pytest.mark.parametrize("delay_samples", [1, 2])
 def test_an_example_holds_the_vehicle_from_its_file(source, delay_samples):
-    entry = parse_entry(str(files("gustproof.guide") / "examples" / source))
+    entry = parse_controller(str(files("gustproof.guide") / "examples" / source))
     flight = fly_pilot(replace(AIR, delay_samples=delay_samples), entry, vehicle=load_vehicle("paper"))
     assert flight.outcome is FlightOutcome.DONE
     assert abs(flight.records["omega_B"]).max() < 0.2  # [rad/s]
@@ -82,6 +82,6 @@ def test_a_large_error_commands_the_rate_limit_at_most(source):
 
 
 def test_a_vehicle_without_gains_is_refused_in_one_line(source):
-    entry = parse_entry(str(files("gustproof.guide") / "examples" / source))
+    entry = parse_controller(str(files("gustproof.guide") / "examples" / source))
     with pytest.raises(ConfigError, match="has gains for paper, iris, octo, none for 'mine'"):
         make_stepper(entry, replace(load_vehicle("iris"), name="mine"))

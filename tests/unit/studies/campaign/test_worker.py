@@ -7,7 +7,7 @@ from firmware_model.config.events import Payload
 from firmware_model.config.link_faults import LinkDelay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.flight.scoring.metrics import measure
@@ -95,7 +95,7 @@ make = Loses
 
 def test_an_entry_flies_beside_laws_and_its_failures_are_results(planned, tmp_path):
     (tmp_path / "mine.py").write_text(LOSES_ITSELF)
-    entry = parse_entry(f"{tmp_path}/mine.py:make")
+    entry = parse_controller(f"{tmp_path}/mine.py:make")
     plan = planned(laws=("hinf-d1",), cases=12)
     campaign = replace(plan, laws=(*plan.laws, entry))
     rows = flown(campaign, first=12)

@@ -10,7 +10,7 @@ import pytest
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import Dryden, MomentSine, MomentStep
-from gustproof.flight.controllers.entry import parse_entry
+from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.law.form import load_law
 from gustproof.studies.worst_case.moment_search import PAPER_BUDGET, WorstCase, peaks_deg, worst_case
@@ -93,7 +93,7 @@ def test_a_target_that_is_not_reached_is_refused() -> None:
 
 def test_a_controller_that_breaks_off_under_a_moment_is_found_and_shrunk(tmp_path: Path) -> None:
     (tmp_path / "bent.py").write_text(MAKER)
-    entry = parse_entry(f"{tmp_path / 'bent.py'}:make")
+    entry = parse_controller(f"{tmp_path / 'bent.py'}:make")
     budget = (0.05, 0.05, 0.05)
     with pytest.raises(ValueError, match="controller 'bent' breaks off before the search: the controller raised"):
         worst_case(entry, vehicle=VEHICLE, budget=(1.0, 1.0, 1.0), duration_s=1.0, flights=100)
