@@ -10,6 +10,9 @@ from firmware_model.config.files import read_document, validate
 from firmware_model.config.spreads import Spread, iter_spreads, substitute_spreads, take_nominal
 from firmware_model.config.vehicle import VEHICLES, Vehicle, check_body, load_vehicle
 
+_LEAST_LAG = 0.1
+"""[-] of the nominal lag, left where lag and delay together may be less than the nominal delay."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSet:
@@ -35,6 +38,19 @@ class VehicleSet:
     def nominal(self) -> Vehicle:
         """Vehicle with all numbers nominal."""
         return validate(Vehicle, take_nominal(self.document, self._source), self._source)
+
+    @property
+    def lag_range(self) -> tuple[float, float] | None:
+        """[s] least and largest actuator lag that a loop has to stand at the nominal delay; `None` for a known one.
+
+        A log shows lag and delay as a sum. Its range stands in the file as that of the delay at the nominal lag. Then
+        the lag has the range of the sum, which is narrower than that of lag and delay each for itself.
+        """
+        delay, lag = self.spreads.get("command.delay"), self.nominal.actuator_lag
+        if delay is not None:
+            return max(lag + delay.low - delay.nominal, _LEAST_LAG * lag), lag + delay.high - delay.nominal
+        own = self.spreads.get("actuator_lag")
+        return None if own is None else (own.value(-1.0), own.value(1.0))
 
     @cached_property
     def _uncertain_fields(self) -> dict[str, Any]:

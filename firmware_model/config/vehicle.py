@@ -253,8 +253,8 @@ class MeasuredCommand:
     """Axes that the flight did not excite: their torque is assumed."""
 
     def samples(self, dt: float) -> int:
-        """Return the delay in samples of `dt` [s], the nearest whole number."""
-        return math.floor(self.delay / dt + 0.5)
+        """Return the delay in samples of `dt` [s], rounded up from a quarter: too little of it is unsafe."""
+        return math.ceil(self.delay / dt - 0.25)
 
 
 @strict_dataclass
@@ -306,8 +306,8 @@ class Vehicle:
     """Accelerometer."""
     battery: Battery | None = None
     """Battery; by default the voltage never falls."""
-    rate_damping: NonNegative | None = None
-    """[1/s] damping moment per rate, divided by the inertia, about every axis; by default that of the rotors' drag."""
+    rate_damping: NonNegative | tuple[NonNegative, NonNegative, NonNegative] | None = None
+    """[1/s] damping moment per rate, divided by the inertia, about every axis or B; by default of the rotors' drag."""
     command: MeasuredCommand | None = None
     """Command to torque as a log tells; by default the rotors give the torque, without delay."""
     description: str = field(default="")
@@ -327,7 +327,7 @@ class Vehicle:
         cancel in a symmetric layout; the height of the rotor plane is left out.
         """
         if self.rate_damping is not None:
-            return (self.rate_damping,) * 3
+            return self.rate_damping if isinstance(self.rate_damping, tuple) else (self.rate_damping,) * 3
         x_square, y_square, _ = np.mean(np.square(self.rotors.position_B), axis=0).tolist()
         I_x, I_y, I_z = self.inertia_B
         roll, pitch = self.heave_drag * y_square / I_x, self.heave_drag * x_square / I_y

@@ -193,6 +193,7 @@ def perfect() -> Callable[..., Identification]:
             command_unit=unit,
             actuator_lag=_around(vehicle.actuator_lag),
             delay=Interval(0.0, 0.0, 0.001),
+            lateness=Interval(vehicle.actuator_lag, vehicle.actuator_lag, vehicle.actuator_lag + 0.001),
             axes=(axes[0], axes[1], axes[2]),
             motor_gains=None,
             motor_intervals=None,

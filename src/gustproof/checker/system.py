@@ -262,11 +262,8 @@ def _check_vehicle(vehicle: dict[str, Any], *, levelled: bool) -> None:
 
 def _check_delay(vehicle: dict[str, Any], law: dict[str, Any]) -> None:
     """Raise `Refusal` if a log measured more delay than the one sample of the proof and the rounding of a model."""
-    late, dt = (
-        _not_negative("command.delay", vehicle.get("command", {}).get("delay", 0)),
-        _positive("dt", [law["dt"]])[0],
-    )
-    if 2 * late > dt:
+    late = _not_negative("command.delay", _nominal(vehicle.get("command", {}).get("delay", 0)))
+    if 2 * late > _positive("dt", [law["dt"]])[0]:
         raise Refusal(f"the command acts {float(late):g} s late beside one sample (command.delay): the proof has one")
 
 
@@ -299,7 +296,7 @@ def list_uncovered(
     """
     vehicle = tomllib.loads(vehicle_text)
     covered = {"inertia_B": inertia, "actuator_lag": lag}
-    uses = {Use.PROVED, Use.EXCLUDED} | ({Use.STATED, Use.AIR} if noise is None else set())
+    uses = {Use.PROVED, Use.EXCLUDED, Use.LATE} | ({Use.STATED, Use.AIR} if noise is None else set())
     if "rate_damping" not in vehicle:
         uses.add(Use.AIR)
     left = [
@@ -390,14 +387,22 @@ def _columns(row: list[float], places: list[int | None]) -> list[float]:
     return [0.0 if place is None else row[place] for place in places]
 
 
+def _read_stated_damping(given: Any) -> Row:
+    """Return the rate damping that a file states: one number for all axes, or one for each."""
+    rows = given if isinstance(given, list) else [given] * 3
+    if len(rows) != 3:
+        raise Refusal("rate_damping must be a number, or three")
+    return tuple(_not_negative("rate_damping", _nominal(row)) for row in rows)
+
+
 def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
-    """Return the rate damping of the file, the same about all axes; without one, that of the rotors' drag, exactly.
+    """Return the rate damping of the file, of all axes or each; without one, that of the rotors' drag, exactly.
 
     Each rotor has its part of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
     it in its plane by r sqrt(x^2 + y^2). The vehicle flies the nearest doubles, but for a few roundings.
     """
     if "rate_damping" in vehicle:
-        return (_not_negative("rate_damping", _nominal(vehicle["rate_damping"])),) * 3
+        return _read_stated_damping(vehicle["rate_damping"])
     name = "rotors.position_B"
     hubs = [[finite(name, _nominal(value)) for value in hub] for hub in vehicle["rotors"]["position_B"]]
     if [len(hub) for hub in hubs] != [3] * max(len(hubs), 4):

@@ -8,7 +8,7 @@ searched again beside it.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -419,16 +419,14 @@ class _Search:
 
 
 def corner_vehicles(vehicles: VehicleSet) -> list[Vehicle]:
-    """Return the vehicles with all inertias and the lag at the ends of their ranges; none without such a spread."""
+    """Return the vehicles with all inertias and the lag at the ends of their ranges; none without such a range."""
     inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
-    lags = [name for name in vehicles.spreads if name == "actuator_lag"]
-    ends = [(-1.0, 1.0) if names else (0.0,) for names in (inertias, lags)]
-    if not (inertias or lags):
+    heavier = [vehicles.vehicle_at(dict.fromkeys(inertias, end)) for end in (-1.0, 1.0)[: 2 * len(inertias)]]
+    lags = vehicles.lag_range
+    if not (heavier or lags):
         return []
-    return [
-        vehicles.vehicle_at(dict.fromkeys(inertias, heavier) | dict.fromkeys(lags, slower))
-        for heavier, slower in product(*ends)
-    ]
+    found = product(heavier or [vehicles.nominal], lags or [vehicles.nominal.actuator_lag])
+    return [replace(vehicle, actuator_lag=lag) for vehicle, lag in found]
 
 
 def _peak(model: AxisModel, controller: Lti) -> float:

@@ -264,15 +264,15 @@ def file_corners(vehicles: VehicleSet) -> list[Vehicle]:
     def end(name: str, value: float, spread: float, delta: float) -> float:
         return known[name].value(delta) if name in known else (1.0 + delta * spread) * value
 
+    lag, spread = nominal.actuator_lag, SPREADS.actuator_lag
+    lags = vehicles.lag_range or ((1.0 - spread) * lag, (1.0 + spread) * lag)
     corners = []
     for heavier in (-1.0, 1.0):
         x, y, z = (
             end(f"inertia_B.{axis}", J, SPREADS.inertia, heavier)
             for axis, J in zip("xyz", nominal.inertia_B, strict=True)
         )
-        for slower in (-1.0, 1.0):
-            lag = end("actuator_lag", nominal.actuator_lag, SPREADS.actuator_lag, slower)
-            corners.append(replace(nominal, inertia_B=(x, y, z), actuator_lag=lag))
+        corners += [replace(nominal, inertia_B=(x, y, z), actuator_lag=each) for each in lags]
     return corners
 
 

@@ -459,6 +459,8 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
         ("inertia_B = [2.0,", "inertia_B = [", "inertia_B must be 3 positive"),
         ("torque_limit = [3.5,", "torque_limit = [0.0,", "torque_limit must be 3 positive"),
         ("rate_damping = 0.25", "rate_damping = -0.25", "rate_damping is -0.25, must not be negative"),
+        ("rate_damping = 0.25", "rate_damping = [0.25, 0.5, -0.25]", "rate_damping is -0.25, must not be negative"),
+        ("rate_damping = 0.25", "rate_damping = [0.25, 0.5]", "rate_damping must be a number, or three"),
     ):
         assert old in VEHICLE
         refused(vehicle=VEHICLE.replace(old, new), words=words)
@@ -475,6 +477,8 @@ def test_texts_that_no_proof_is_about_are_refused_by_name():
         0,
         0,
     )
+    spread = "rate_damping = [0.25, { nominal = 0.5, low = 0.25, high = 1.0 }, 0.0]"
+    assert read_system(json.dumps(law), VEHICLE.replace("rate_damping = 0.25", spread)).damping == (0.25, 0.5, 0)
     assert (
         read_system(json.dumps(law_document("rates")), VEHICLE.replace("[1.0, 1.25", "[0.0, 1.25")).rate_loop.p[0] == 0
     )

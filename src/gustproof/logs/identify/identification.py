@@ -58,6 +58,8 @@ class Identification:
     """[s] time constant; `None` if no axis is excited."""
     delay: Interval | None
     """[s] from the logged command to the start of its effect."""
+    lateness: Interval | None
+    """[s] lag and delay together: most logs tell their sum better than either."""
     axes: tuple[AxisEstimate, AxisEstimate, AxisEstimate]
     """Roll, pitch and yaw."""
     motor_gains: Array | None

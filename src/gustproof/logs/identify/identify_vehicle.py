@@ -1,7 +1,9 @@
 """Identification of a vehicle from a flight log: gains, actuator lag, delay, damping, disturbance and gyro noise."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,19 +20,20 @@ from gustproof.logs.identify.likelihood import (
     NOISE,
     SHARED,
     AxisData,
+    at_bound,
     maximise,
     places,
     solve_gains,
 )
 from gustproof.logs.identify.rates import describe_slow_log
+from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.identify.stretches import (
     BIN,
     SHORTEST,
     Stretch,
     cut_stretch,
     find_stretches,
-    keep_first,
-    keep_rest,
+    hold_out,
     limit_time,
     sample_time,
 )
@@ -39,10 +42,11 @@ from gustproof.types import Array
 
 _AXES = ("roll", "pitch", "yaw")
 _ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
-_LEARNT = 2.0 / 3.0  # of the flight; the rest is predicted
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
+_SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
+_LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
-_VAGUE, _EXPLAINED = 0.1, 0.1  # the same, where the command explains less than this share of the accelerations
+_VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _FILTERED = "gyro: filtered before it is logged"
@@ -54,7 +58,20 @@ _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond
 Spans = Sequence[tuple[float, float]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _HeldOut(NamedTuple):
+    """Test of a fit on pieces of the flight that it has not seen."""
+
+    r_squared: float
+    """[-] of the acceleration predicted from the command alone."""
+    surprise: float
+    """[-] mean square of the prediction errors over their variance by the model: 1 if it holds."""
+    scale: float
+    """[-] factor of the gain with which the command predicts best: 1 if it holds."""
+    evidence: float
+    """[-] log likelihood that the command adds to a prediction from the rate's own past."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
 class _Axis:
     """Fitted model of one axis."""
 
@@ -69,6 +86,8 @@ class _Axis:
     """[rad^2/s^2] mean square of the prediction errors."""
     curves: Curves
     """Series."""
+    held_out: "_HeldOut | None" = None
+    """Test on the pieces of the flight that its fit has not seen."""
 
     @property
     def wide_gain(self) -> Interval:
@@ -77,13 +96,34 @@ class _Axis:
         return widen(gain, _FLOOR * gain.nominal)
 
     @property
+    def doubt(self) -> str:
+        """Reason why the model is none of this vehicle, whatever its gain; empty if there is none."""
+        test, delay = self.held_out, interval(self.theta, self.replicates, lambda p: p[..., DELAY])
+        if at_bound(self.theta):
+            return "its lag ends at a bound of the search, which is no estimate"
+        if delay.low > _LATEST:
+            return (
+                f"its command would act {1e3 * delay.nominal:.0f} ms late, which is longer than any speed controller "
+                "takes: the autopilot's answer to the gyro hides the vehicle's to the command"
+            )
+        if test is not None and test.surprise > _SURPRISE:
+            return (
+                f"in pieces of the flight that the fit has not seen, errors are {math.sqrt(test.surprise):.1f} times "
+                "those that the model expects: it may stand on the ground or vibrate"
+            )
+        if test is not None and not _SCALES[0] < test.scale < _SCALES[1]:
+            return f"in pieces of the flight that the fit has not seen, its gain is {test.scale:.2g} times that"
+        return ""
+
+    @property
     def gain(self) -> Interval | None:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
-        explained = self.curves.r_squared(self.curves.corner())
-        loose = _LOOSE if explained > _EXPLAINED else _VAGUE
-        sound = gain > 0.0 and explained > 0.0 and self.theta[DAMPING] < HIGHEST_DAMPING
+        evidence = math.inf if self.held_out is None else self.held_out.evidence
+        loose = _LOOSE if evidence > _EVIDENT else _VAGUE
+        sound = gain > 0.0 and evidence > 0.0 and self.theta[DAMPING] < HIGHEST_DAMPING
         sound = sound and (self.data.square or self.theta[GAINS] > 0.0)
+        sound = sound and not self.doubt
         return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
 
@@ -100,27 +140,35 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     ConfigError
         If the log has no commands, or is too short in the air.
     """
-    tell = progress or (lambda _: None)
+    slow, filled = describe_slow_log(log, _find_command(log)[0]), fill_command(log)
+    return _identify(filled or log, progress or (lambda _: None), slow=slow, sampled=filled is not None)
+
+
+def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampled: bool) -> Identification:
+    """Return the estimates of a log whose commands are `sampled` from quicker ones, or may be held.
+
+    `slow` blames its rates, where they are to blame.
+    """
     command, square = _find_command(log)
     spans = limit_time(find_stretches(log, command), command, _ENOUGH)
-    learnt = keep_first(spans, _LEARNT)
-    rest = keep_rest(spans, _LEARNT)
+    learnt, rest = hold_out(spans)
     if not learnt or not rest:
         short = f"too short: {3.0 * SHORTEST:g} s in the air without a gap are needed"
-        raise ConfigError(f"{log.source}: {describe_slow_log(log, command) or short}")
+        raise ConfigError(f"{log.source}: {slow or short}")
     tell(0.02)
     dt = max(BIN, sample_time(log.gyro))
     near = _search(_axis_data(_cut(log, command, limit_time(learnt, command, _BRIEF)), square))
     tell(0.3)
     trained = _fit_axes(_axis_data(_cut(log, command, learnt), square), dt, near)
     if (further := _next_spacing(trained, log.gyro)) is not None:
-        return identify(_thin(log, further), progress=progress)
+        return _identify(_thin(log, further), tell, slow=slow, sampled=sampled)
     tell(0.6)
     axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
-    held_out = [_score_held_out(axis, ahead) for axis in trained]
-    return _collect(log, command, axes, held_out)
+    for axis, seen in zip(axes, trained, strict=True):
+        axis.held_out = _test_held_out(seen, ahead)
+    return _collect(log, command, axes, slow=slow, sampled=sampled)
 
 
 def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:
@@ -203,18 +251,29 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
     return np.concatenate(parts)
 
 
-def _score_held_out(axis: _Axis, ahead: list[Stretch]) -> float:
-    """Return R^2 of the prediction of stretches that the fit has not seen."""
+def _test_held_out(axis: _Axis, ahead: list[Stretch]) -> _HeldOut:
+    """Return how a fit predicts stretches that it has not seen.
+
+    In closed loop the command answers the disturbance, so R^2 of the acceleration by the command alone may be low, even
+    negative, for the true model. Errors of the prediction are white then all the same, and their size is expected.
+    """
     data = replace(axis.data, stretches=ahead)
-    return make_curves(data, axis.theta, axis.curves.dt).r_squared(axis.curves.corner())
+    found, gains = data.predict(axis.theta), axis.theta[GAINS:]
+    trim, caused = found.errors[:, 0] - gains[-1] * found.errors[:, -1], found.errors[:, 1:-1] @ gains[:-1]
+    left = trim - caused
+    return _HeldOut(
+        r_squared=make_curves(data, axis.theta, axis.curves.dt).r_squared(axis.curves.corner()),
+        surprise=float(np.mean(left**2 / found.variance)),
+        scale=float(np.sum(trim * caused / found.variance) / max(np.sum(caused**2 / found.variance), 1e-300)),
+        evidence=0.5 * float(np.sum((trim**2 - left**2) / found.variance)),
+    )
 
 
-def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], held_out: list[float]) -> Identification:
+def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str, sampled: bool) -> Identification:
     """Return the results in the form that others read."""
-    leader = next((axis for axis in axes if axis.gain is not None), None)
-    lag, delay = _lag_and_delay(leader, 0.5 * sample_time(command))
-    slow, dt = describe_slow_log(log, command), sample_time(log.gyro)
-    roll, pitch, yaw = (_estimate(axis, r2, dt, slow) for axis, r2 in zip(axes, held_out, strict=True))
+    told = [axis for axis in axes if axis.gain is not None]
+    lag, delay, lateness = _lateness(told, 0.5 * sample_time(command), sampled=sampled)
+    roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow) for axis in axes)
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
         source=log.source,
@@ -223,11 +282,12 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], held_out: li
         dt=axes[0].curves.dt,
         actuator_lag=lag,
         delay=delay,
+        lateness=lateness,
         axes=(roll, pitch, yaw),
         command_unit=CommandUnit.NORMALISED if log.command is None else log.command_unit,
         motor_gains=motors,
         motor_intervals=motor_intervals,
-        findings=(*log.findings, *_doubts(axes, leader)),
+        findings=(*log.findings, *_doubts(axes, told)),
         **_support(log, axes),
     )
 
@@ -248,16 +308,31 @@ def _support(log: FlightLog, axes: list[_Axis]) -> dict[str, Array]:
     }
 
 
-def _lag_and_delay(axis: _Axis | None, hold: float) -> tuple[Interval | None, Interval | None]:
-    """Return actuator lag and delay [s] for commands that may be held for up to twice `hold` [s], if any axis tells."""
-    if axis is None:
-        return None, None
-    lag = widen(interval(axis.theta, axis.replicates, lambda p: np.exp(p[..., LAG])), _BLUR * hold)
-    held = widen(interval(axis.theta, axis.replicates, lambda p: p[..., DELAY]), _BLUR * hold)
-    return lag, Interval(held.low, held.nominal + 0.5 * hold, held.high + hold)
+def _lateness(told: list[_Axis], hold: float, *, sampled: bool) -> list[Interval | None]:
+    """Return actuator lag, delay and their sum [s], as far as the axes tell; each interval spans those of all.
+
+    Commands act for twice `hold` [s]. They are `sampled` from quicker ones, and half of that is no delay, or they may
+    be held.
+    """
+    if not told:
+        return [None, None, None]
+    least, usual = (hold, hold) if sampled else (0.0, 0.5 * hold)
+    found = []
+    for of, later in ((_lag, False), (lambda p: p[..., DELAY], True), (lambda p: _lag(p) + p[..., DELAY], True)):
+        each = [widen(interval(axis.theta, axis.replicates, of), _BLUR * hold) for axis in told]
+        low, high = min(one.low for one in each), max(one.high for one in each)
+        nominal = each[0].nominal
+        found.append(
+            Interval(low + least, nominal + usual, high + hold) if later else Interval(max(low, 0.0), nominal, high)
+        )
+    return list(found)
 
 
-def _estimate(axis: _Axis, held_out: float, dt: float, slow: str) -> AxisEstimate:
+def _lag(theta: Array) -> Array:
+    return np.exp(theta[..., LAG])
+
+
+def _estimate(axis: _Axis, dt: float, slow: str) -> AxisEstimate:
     """Return the numbers of one axis; `dt` [s] is that of the gyro's samples, `slow` blames a slow log."""
     gain, theta = axis.gain, axis.theta
     damping = interval(theta, axis.replicates, lambda p: np.maximum(p[..., DAMPING], 0.0))
@@ -267,7 +342,7 @@ def _estimate(axis: _Axis, held_out: float, dt: float, slow: str) -> AxisEstimat
         noise=float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
         disturbance_rms=disturbance_rms(axis.curves, theta),
         disturbance_corner=disturbance_corner(theta),
-        held_out_r2=None if gain is None else held_out,
+        held_out_r2=None if gain is None or axis.held_out is None else axis.held_out.r_squared,
         advice="" if gain is not None else slow or _advise(axis),
     )
 
@@ -275,6 +350,8 @@ def _estimate(axis: _Axis, held_out: float, dt: float, slow: str) -> AxisEstimat
 def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
     name, gain = _AXES[axis.data.axis], axis.wide_gain
+    if axis.doubt:
+        return f"{name} is not identified: {axis.doubt}"
     share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
     if share > _MOSTLY:
@@ -306,12 +383,15 @@ def _motor_gains(axes: list[_Axis]) -> tuple[Array | None, Array | None]:
     return gains, np.asarray(np.sort(np.dstack([ends, gains[..., None]]), axis=-1)[..., [0, -1]])
 
 
-def _doubts(axes: list[_Axis], leader: _Axis | None) -> list[str]:
-    """Return the doubts about the results, a line each."""
+def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
+    """Return the doubts about the results, a line each; `told` are the axes that are identified."""
     doubts = [_AXES[axis.data.axis] + " is not identified" for axis in axes if axis.gain is None]
-    if leader is not None and axes[2].gain is not None and axes[2].theta[LAG] != leader.theta[LAG]:
-        lag = np.exp(axes[2].theta[LAG])
-        doubts.append(f"yaw answers with a lag of {lag:.3f} s, unlike roll and pitch: the lag told is of those")
+    lags = [float(axis.theta[LAG]) for axis in told]
+    if lags and lags[-1] != lags[0]:
+        doubts.append(
+            f"yaw answers with a lag of {math.exp(lags[-1]):.3f} s, unlike roll and pitch: the lag told is of those, "
+            "its interval spans both"
+        )
     if coloured := _find_coloured_axes(axes):
         doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts

@@ -21,14 +21,22 @@ LAG, DELAY, DAMPING, NOISE, SLOW, SLOW_DRIVE, FAST, FAST_DRIVE, GAINS = range(9)
 DAMPING_PRIOR = 2.0
 """[1/s] standard deviation of the damping before the flight: rotors' drag gives 0 to 3. A slow lag under weak
 excitation can't be told from damping otherwise: both are poles."""
+DELAY_PRIOR = (0.008, 0.008)
+"""[s] mean and standard deviation of the delay before the flight: output drivers and speed controllers take 1 to 20 ms.
+Slow or sparse samples show the sum of lag and delay, not which is which."""
 SHARED = 2
 """First parameters of an axis, which all axes share."""
 HIGHEST_DAMPING = 25.0
 """[1/s] no fit goes beyond; one that ends there has found no multirotor."""
-_LOW = np.array([np.log(0.004), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
+_LOW = np.array([np.log(0.002), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
 _HIGH = np.array([np.log(0.4), 0.12, HIGHEST_DAMPING, 5.0, np.log(40.0), 30.0, np.log(200.0), 35.0])
 _REACH = np.array([0.5, 0.02, 2.0, 2.0, 1.0, 2.0, 1.0, 2.0])  # of one step
 _STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
+
+
+def at_bound(theta: Array) -> bool:
+    """Return whether lag or delay of an axis are at a bound of their search."""
+    return bool(np.any((theta[:SHARED] <= _LOW[:SHARED]) | (theta[:SHARED] >= _HIGH[:SHARED])))
 
 
 class RatePrediction(NamedTuple):
@@ -129,6 +137,12 @@ def axis_cost(theta: Array, found: RatePrediction) -> float:
     return 0.5 * float(np.sum(np.log(found.variance) + error**2 / found.variance) + prior)
 
 
+def _shared_cost(theta: Array) -> float:
+    """Return minus the logarithm of the prior of what all axes share."""
+    mean, deviation = DELAY_PRIOR
+    return 0.5 * float((theta[DELAY] - mean) / deviation) ** 2
+
+
 def linearise(data: AxisData, theta: Array, found: RatePrediction) -> _Linear:
     """Return errors and derivatives; those by the gains are exact, others forward differences.
 
@@ -205,6 +219,9 @@ def _assemble(axes: Sequence[AxisData], linear: Sequence[_Linear], theta: Array)
         score[at[DAMPING]] -= theta[at[DAMPING]] / DAMPING_PRIOR**2
         information[np.ix_(at, at)] += one.information
         information[at[DAMPING], at[DAMPING]] += 1.0 / DAMPING_PRIOR**2
+    mean, deviation = DELAY_PRIOR
+    score[DELAY] -= (theta[DELAY] - mean) / deviation**2
+    information[DELAY, DELAY] += 1.0 / deviation**2
     return score, information
 
 
@@ -225,7 +242,8 @@ def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: i
 
     def evaluate(point: Array) -> tuple[float, list[RatePrediction]]:
         found = [data.predict(point[at]) for data, at in zip(axes, index, strict=True)]
-        return sum(axis_cost(point[at], one) for at, one in zip(index, found, strict=True)), found
+        costs = [axis_cost(point[at], one) for at, one in zip(index, found, strict=True)]
+        return sum(costs) + _shared_cost(point), found
 
     theta, mu, free = np.clip(theta, low, high), 1e-3, np.ones(len(theta), dtype=bool)
     cost, found = evaluate(theta)

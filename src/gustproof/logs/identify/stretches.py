@@ -19,9 +19,11 @@ SETTLING = 0.35
 """[s] left out at the start of a stretch: the actuators' state is unknown there."""
 _GROUND = 1.5  # [s] left out beside take-off and landing: the ground pushes on the vehicle
 _PIECE = 10.0  # [s] of the pieces of a long log
-_LONGEST_GAP = 0.1  # [s] beyond it a stretch ends
+LONGEST_GAP = 0.1
+"""[s] beyond it a stretch ends."""
 SHORTEST = 2.0
 """[s] of a stretch that is used."""
+_ROUND = 1e-9  # [s] of sums
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,14 +82,27 @@ def limit_time(spans: list[tuple[float, float]], command: LogSignal, enough: flo
     return [pieces[i] for i in chosen]
 
 
-def keep_first(spans: list[tuple[float, float]], share: float) -> list[tuple[float, float]]:
-    """Return the first `share` of the time in some spans [s]."""
-    left, kept = share * sum(end - begin for begin, end in spans), list[tuple[float, float]]()
+def hold_out(spans: list[tuple[float, float]]) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Return the spans [s] to learn from, and every third piece of the time in them, to be predicted.
+
+    A flight often moves one axis after another: one third in a row would show one axis only.
+    """
+    total = sum(end - begin for begin, end in spans)
+    piece = min(max(total / 9.0, SHORTEST), _PIECE)
+    parts: tuple[list[tuple[float, float]], list[tuple[float, float]]] = ([], [])
+    gone = 0.0
     for begin, end in spans:
-        if (until := min(end, begin + left)) - begin >= SHORTEST:
-            kept.append((begin, until))
-        left -= until - begin
-    return kept
+        at = begin
+        while end - at > _ROUND:
+            number = int((gone + at - begin + _ROUND) // piece)
+            until = min(end, begin + (number + 1) * piece - gone)
+            kept = parts[number % 3 == 2]
+            joined = kept and abs(kept[-1][1] - at) < _ROUND and at > begin
+            kept.append((kept.pop()[0] if joined else at, until))
+            at = until
+        gone += end - begin
+    learnt, rest = ([part for part in each if part[1] - part[0] >= SHORTEST - _ROUND] for each in parts)
+    return learnt, rest
 
 
 def _split(whole: tuple[float, float], signals: tuple[LogSignal, ...]) -> Iterator[tuple[float, float]]:
@@ -95,7 +110,7 @@ def _split(whole: tuple[float, float], signals: tuple[LogSignal, ...]) -> Iterat
     begin, end = max([whole[0], *(s.time[0] for s in signals)]), min([whole[1], *(s.time[-1] for s in signals)])
     cuts = list[tuple[float, float]]()
     for signal in signals:
-        after = np.flatnonzero(np.diff(signal.time) > max(_LONGEST_GAP, 3.0 * sample_time(signal)))
+        after = np.flatnonzero(np.diff(signal.time) > max(LONGEST_GAP, 3.0 * sample_time(signal)))
         cuts += [
             (signal.time[i], signal.time[i + 1]) for i in after if begin < signal.time[i + 1] and signal.time[i] < end
         ]
@@ -103,12 +118,6 @@ def _split(whole: tuple[float, float], signals: tuple[LogSignal, ...]) -> Iterat
     for stop, after_it in [*sorted(cuts), (end, end)]:  # gaps of several signals may overlap
         yield float(start), float(stop)
         start = max(start, after_it)
-
-
-def keep_rest(spans: list[tuple[float, float]], share: float) -> list[tuple[float, float]]:
-    """Return what `keep_first` leaves."""
-    mirrored = keep_first([(-end, -begin) for begin, end in reversed(spans)], 1.0 - share)
-    return [(-end, -begin) for begin, end in reversed(mirrored)]
 
 
 def cut_stretch(gyro: LogSignal, command: LogSignal, begin: float, end: float) -> Stretch:

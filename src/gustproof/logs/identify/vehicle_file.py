@@ -29,6 +29,7 @@ _DEFAULT_LIKE = "iris"
 _ASSUMED_SPREAD = 0.3
 _DELAY_TOLD = 0.002  # [s]
 _NARROWEST = 1e-3  # of a spread, beside its number
+_ROUNDED = 1e-5  # of a number that is written with six digits
 _AXES = ("roll", "pitch", "yaw")
 _COMMAND_ORIGINS = {
     FullScale.MEASURED: "measured: 1.0 of the autopilot's command gives torque_limit, whatever the rotors say",
@@ -274,15 +275,23 @@ def _add_command(draft: _Draft, found: Identification, known: Known) -> None:
         scale = FullScale.ROTORS if known.like is not None and _in_newton_metres(found) else FullScale.UNKNOWN
     else:
         scale = FullScale.MEASURED
-    delay = 0.0 if found.delay is None else max(found.delay.nominal, 0.0)
-    command: dict[str, Any] = {"autopilot": found.system, "full_scale": scale.value, "delay": delay}
+    command: dict[str, Any] = {"autopilot": found.system, "full_scale": scale.value, "delay": _delay(found)}
     if found.thrust_range != 1.0:
         command["thrust_range"] = found.thrust_range
     unmeasured = [axis for axis, estimate in zip(_AXES, found.axes, strict=True) if estimate.gain is None]
     if unmeasured:
         command["unmeasured"] = unmeasured
     draft.set("command", command, _COMMAND_ORIGINS[scale])
-    draft.origins |= {"command.delay": "from a command to its torque, beside one sample"}
+    draft.origins |= {"command.delay": "from a command to its torque at the nominal lag, beside one sample"}
+
+
+def _delay(found: Identification) -> float | dict[str, float]:
+    """Return the delay [s] at the nominal lag, with the interval of both together: they are known as a sum."""
+    if found.delay is None or found.lateness is None or found.actuator_lag is None:
+        return 0.0
+    lag, delay = found.actuator_lag.nominal, max(found.delay.nominal, 0.0)
+    low, high = max(found.lateness.low - lag, _NARROWEST * delay), found.lateness.high - lag
+    return _spread(Interval(low, delay, high)) if low < delay < high else delay
 
 
 def _complete_inertia(found: Identification, base: list[float]) -> list[float]:
@@ -300,7 +309,7 @@ def _inertia_spread(inertia: float, gain: Interval | None) -> Interval:
 
 def _fit_body(rows: list[Interval], draft: _Draft) -> list[Interval]:
     """Return the inertias within those of a rigid body: none is larger than the sum of the other two."""
-    fitted = list(rows)
+    fitted, most_written = list(rows), 1.0 - _ROUNDED
     for k, row in enumerate(rows):
         one, other = (fitted[j] for j in range(3) if j != k)
         most = (one.nominal + other.nominal) * (1.0 - 2.0 * _NARROWEST)
@@ -312,19 +321,23 @@ def _fit_body(rows: list[Interval], draft: _Draft) -> list[Interval]:
             )
         nominal = min(row.nominal, most)
         low = min(max(row.low, least), nominal * (1.0 - _NARROWEST))
-        fitted[k] = Interval(low, nominal, min(max(row.high, nominal), one.high + other.high))
+        fitted[k] = Interval(low, nominal, min(max(row.high, nominal), most_written * (one.high + other.high)))
     return fitted
 
 
 def _add_damping(draft: _Draft, found: Identification) -> None:
-    """Set the damping of roll and pitch; a vehicle file has one number for all axes."""
-    known = [axis.damping for axis in found.axes[:2] if axis.damping is not None]
-    nominal = float(np.mean([each.nominal for each in known])) if known else 0.0
-    if nominal > 0.0:
-        low, high = max(min(each.low for each in known), _NARROWEST * nominal), max(each.high for each in known)
-        draft.set("rate_damping", _spread(Interval(low, nominal, high)), "measured in roll and pitch")
-    elif known:
-        draft.set("rate_damping", 0.0, "measured in roll and pitch")
+    """Set the damping of each axis; one that is not identified has the mean of roll and pitch, or of yaw alone."""
+    known = [axis.damping for axis in found.axes if axis.damping is not None]
+    if not known:
+        return
+    tilt = [axis.damping for axis in found.axes[:2] if axis.damping is not None] or known
+    usual = Interval(*(float(np.mean(each)) for each in zip(*tilt, strict=True)))
+    rows = [axis.damping or usual for axis in found.axes]
+    values = [
+        _spread(Interval(max(row.low, _NARROWEST * row.nominal), *row[1:])) if row.nominal > 0.0 else 0.0
+        for row in rows
+    ]
+    draft.set("rate_damping", values, "measured about each axis")
 
 
 def _add_gyro(draft: _Draft, found: Identification) -> None:

@@ -28,6 +28,7 @@ def identification_document(
         "command_unit": found.command_unit.value,
         "actuator_lag_s": _interval(found.actuator_lag),
         "delay_s": _interval(found.delay),
+        "lag_and_delay_s": _interval(found.lateness),
         "gain_rad_s2_per_unit": by_axis(lambda axis: _interval(axis.gain)),
         "motor_gain_rad_s2": None if motors is None else dict(zip(AXES, motors.tolist(), strict=True)),
         "damping_per_s": by_axis(lambda axis: _interval(axis.damping)),
@@ -72,6 +73,7 @@ def number_rows(found: Identification, air: IdentifiedAir | None) -> list[tuple[
     rows = [
         ("actuator lag [ms]", _format_interval(found.actuator_lag, 1e3), "", ""),
         ("delay of the command [ms]", _format_interval(found.delay, 1e3), "", ""),
+        ("lag and delay together [ms]", _format_interval(found.lateness, 1e3), "", ""),
         by_axis(f"gain [rad/s²{'' if torque == '1' else f' per {torque}'}]", lambda axis: _format_interval(axis.gain)),
     ]
     if found.motor_gains is not None:

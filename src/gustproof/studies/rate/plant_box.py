@@ -9,7 +9,7 @@ from firmware_model.types import Vector
 from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.studies.rate.law_margins import SPREADS
 
-_NAMES = ("inertia_B.x", "inertia_B.y", "inertia_B.z", "actuator_lag")
+_INERTIAS = ("inertia_B.x", "inertia_B.y", "inertia_B.z")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,16 +62,17 @@ class PlantBox:
 
 def plant_box(vehicles: VehicleSet) -> PlantBox:
     """Return the range in a vehicle file; `SPREADS` about the nominal if it has none of inertia and lag."""
-    vehicle, spreads = vehicles.nominal, vehicles.spreads
+    vehicle, spreads, lags = vehicles.nominal, vehicles.spreads, vehicles.lag_range
     nominal = [*vehicle.inertia_B, vehicle.actuator_lag]
-    if assumed := not any(name in spreads for name in _NAMES):
+    if assumed := lags is None and not any(name in spreads for name in _INERTIAS):
         shares = [SPREADS.inertia] * 3 + [SPREADS.actuator_lag]
         ends = [((1.0 - share) * value, (1.0 + share) * value) for share, value in zip(shares, nominal, strict=True)]
     else:
         ends = [
             (spreads[name].low, spreads[name].high) if name in spreads else (value, value)
-            for name, value in zip(_NAMES, nominal, strict=True)
+            for name, value in zip(_INERTIAS, vehicle.inertia_B, strict=True)
         ]
+        ends.append(lags or (vehicle.actuator_lag, vehicle.actuator_lag))
     x, y, z, lag = ends
     return PlantBox(nominal=vehicle, low=(x[0], y[0], z[0]), high=(x[1], y[1], z[1]), lag=lag, assumed=assumed)
 

@@ -75,3 +75,18 @@ def test_a_file_without_spreads_is_a_set_of_one(tmp_path):
     vehicles = load_vehicle_set(path)
     assert "actuator_lag" not in vehicles.spreads
     assert vehicles.vehicle_at({"inertia_B.x": 1.0}).actuator_lag == 0.05
+
+
+def test_lag_and_delay_are_known_as_a_sum(tmp_path: Path):
+    """A delay of 10 ms, 4 to 16 at the lag of 50, leaves a lag of 44 to 56 beside it, narrower than the lag alone."""
+    command = '\n[command]\nautopilot = "px4"\nfull_scale = "measured"\ndelay = '
+    line = "rate_damping = 0.02"
+    assert load_vehicle_set("paper").lag_range == pytest.approx((0.035, 0.065))
+    path = written(tmp_path, line, "rate_damping = [0.02, { nominal = 0.3, low = 0.2, high = 0.4 }, 0.1]")
+    path.write_text(path.read_text() + command + "{ nominal = 0.01, low = 0.004, high = 0.016 }\n")
+    vehicles = load_vehicle_set(path)
+    assert vehicles.lag_range == pytest.approx((0.044, 0.056))
+    assert vehicles.nominal.rate_damping_B == (0.02, 0.3, 0.1)
+    assert vehicles.vehicle_at({"rate_damping.y": 1.0}).rate_damping_B == pytest.approx((0.02, 0.4, 0.1))
+    path.write_text(path.read_text().replace("low = 0.004, high = 0.016", "low = 0.0001, high = 0.06"))
+    assert load_vehicle_set(path).lag_range == pytest.approx((0.0401, 0.1))

@@ -16,7 +16,7 @@ from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
 from gustproof.law.form import Law, Provenance
 from gustproof.logs.identify.identification import Interval
 from gustproof.logs.identify.identify_vehicle import _Axis, identify
-from gustproof.logs.identify.likelihood import DAMPING, GAINS, HIGHEST_DAMPING
+from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, HIGHEST_DAMPING, LAG
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.read_log import read_log
 from gustproof.types import Array, Records
@@ -309,24 +309,35 @@ def test_logs_without_commands_or_too_short_are_refused(brief):
         ({}, True),
         ({"spread": 0.29}, True),
         ({"spread": 0.31}, False),
-        ({"explained": 0.005, "spread": 0.09}, True),
-        ({"explained": 0.005, "spread": 0.11}, False),
-        ({"explained": 0.0}, False),
+        ({"evidence": 9.0, "spread": 0.09}, True),
+        ({"evidence": 9.0, "spread": 0.11}, False),
+        ({"evidence": 0.0}, False),
         ({"damping": HIGHEST_DAMPING}, False),
         ({"sign": -1.0}, False),
         ({"sign": -1.0, "square": True}, True),
         ({"sign": 0.0}, False),
+        ({"lag": np.log(0.002)}, False),
+        ({"lag": np.log(0.4)}, False),
+        ({"delay": 0.029}, True),
+        ({"delay": 0.031}, False),
+        ({"surprise": 3.9, "scale": 0.5}, True),
+        ({"surprise": 4.1}, False),
+        ({"scale": 0.39}, False),
+        ({"scale": 2.6}, False),
     ],
 )
 def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, told):
-    given = {"spread": 0.0, "explained": 0.9, "damping": 0.5, "sign": 1.0, "square": False, **changes}
+    given = {"spread": 0.0, "evidence": 11.0, "damping": 0.5, "sign": 1.0, "square": False, "lag": -3.0, "delay": 0.01}
+    given |= {"surprise": 1.0, "scale": 1.0, **changes}
     theta = np.zeros(GAINS + 2)  # one channel, and the trim
-    theta[DAMPING], theta[GAINS] = given["damping"], given["sign"] * gain
+    theta[LAG], theta[DAMPING], theta[GAINS] = given["lag"], given["damping"], given["sign"] * gain
+    theta[DELAY] = given["delay"]
     replicates = np.tile(theta, (41, 1))
     replicates[:, GAINS] *= 1.0 + given["spread"] / 0.95 * np.linspace(-1.0, 1.0, 41)  # their 95 % are the spread
-    curves = SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: given["explained"])
+    curves = SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: 0.9)
     axis = _Axis(
         data=SimpleNamespace(square=given["square"]),
         theta=theta, replicates=replicates, unexplained=0.0, curves=curves,
+        held_out=SimpleNamespace(**{name: given[name] for name in ("surprise", "scale", "evidence")}),
     )  # fmt: skip
     assert (axis.gain is not None) == told

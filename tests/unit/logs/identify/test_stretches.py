@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gustproof.logs.identify.spectra import frequency_response
-from gustproof.logs.identify.stretches import cut_stretch, find_stretches, keep_first, keep_rest, limit_time
+from gustproof.logs.identify.stretches import cut_stretch, find_stretches, hold_out, limit_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 
 
@@ -26,10 +26,12 @@ def test_stretches_end_at_long_gaps_of_either_signal():
     assert find_stretches(flown, command) == [pytest.approx((3.5, 6.5))]
 
 
-def test_first_and_rest_share_the_time():
-    spans = [(0.0, 10.0), (20.0, 40.0)]
-    assert keep_first(spans, 2.0 / 3.0) == [pytest.approx(span) for span in ((0.0, 10.0), (20.0, 30.0))]
-    assert keep_rest(spans, 2.0 / 3.0) == [pytest.approx((30.0, 40.0))]
+def test_every_third_piece_is_held_out_across_spans():
+    learnt, rest = hold_out([(0.0, 30.0), (100.0, 160.0)])
+    assert learnt == [pytest.approx(span) for span in ((0.0, 20.0), (100.0, 120.0), (130.0, 150.0))]
+    assert rest == [pytest.approx(span) for span in ((20.0, 30.0), (120.0, 130.0), (150.0, 160.0))]
+    short, last = hold_out([(1.0, 7.0)])
+    assert (short, last) == ([pytest.approx((1.0, 5.0))], [pytest.approx((5.0, 7.0))])
 
 
 def test_long_logs_are_cut_to_their_liveliest_pieces():

@@ -32,7 +32,7 @@ def test_torques_in_newton_metres_give_the_inertia_with_its_interval(perfect, tm
     assert vehicles.nominal.inertia_B == pytest.approx(PAPER.inertia_B, rel=1e-4)
     assert vehicles.nominal.actuator_lag == pytest.approx(PAPER.actuator_lag, rel=1e-4)
     assert vehicles.nominal.gyro.noise_density == pytest.approx(PAPER.gyro.noise_density, rel=1e-4)
-    assert vehicles.nominal.rate_damping == pytest.approx(PAPER.rate_damping, rel=1e-4)
+    assert vehicles.nominal.rate_damping == pytest.approx(PAPER.rate_damping_B, rel=1e-4)
     spread = vehicles.spreads["inertia_B.x"]
     assert (spread.low, spread.high) == pytest.approx((0.25 / 1.05, 0.25 / 0.95), rel=1e-4)
     lag = vehicles.spreads["actuator_lag"]

@@ -1,0 +1,66 @@
+"""Command filled in between its logged samples, held against the one that the loop gave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from gustproof.logs.identify.sparse_command import fill_command
+from gustproof.logs.identify.stretches import find_stretches
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.types import Array
+
+DT, STEP = 0.0025, 8  # [s] of a loop of 400 Hz, of which every eighth command is logged
+
+
+def log_of_a_loop(system: str = "px4") -> tuple[FlightLog, Array]:
+    """Return a log at 50 Hz and the command (n, 3) of every step: a slow part, and an answer to the low-passed gyro."""
+    random, n = np.random.default_rng(3), 8000
+    time = DT * np.arange(n)
+    rate = lfilter(*butter(1, 30.0, fs=1.0 / DT), random.standard_normal((n, 3)), axis=0)
+    seen = lfilter(*butter(2, 40.0, fs=1.0 / DT), rate, axis=0)
+    command = 0.2 * np.sin(3.0 * time)[:, None] - 0.1 * seen - 4e-4 * np.gradient(seen, DT, axis=0)
+    log = FlightLog(
+        source="x",
+        system=system,
+        gyro=LogSignal(time=time, values=rate),
+        command=LogSignal(time=time[::STEP], values=command[::STEP]),
+    )
+    return log, command
+
+
+def test_the_command_between_its_samples_is_the_loops():
+    log, command = log_of_a_loop()
+    filled = fill_command(log)
+    assert filled is not None
+    assert filled.command is not None
+    assert log.command is not None
+    time = DT * np.arange(len(command))
+    held = command[np.minimum(np.arange(len(command)) // STEP * STEP, len(command) - 1)]
+    linear = np.column_stack([np.interp(time, log.command.time, column) for column in log.command.values.T])
+    found = np.column_stack([np.interp(time, filled.command.time, column) for column in filled.command.values.T])
+    used = time < filled.command.time[-1]
+    error, of_linear, of_held = (float(np.std((each - command)[used])) for each in (found, linear, held))
+    assert error < 0.2 * of_linear < 0.2 * of_held
+    assert "50 Hz of a loop of 400 Hz" in filled.findings[-1]
+
+
+@pytest.mark.parametrize(
+    ("system", "changes"),
+    [("csv", {}), ("gustproof", {}), ("px4", {"parameters": {"IMU_GYRO_RATEMAX": 50.0}}), ("px4", {"command": None})],
+)
+def test_a_command_that_may_be_held_is_left_alone(system: str, changes: dict[str, object]):
+    log, _ = log_of_a_loop(system)
+    assert fill_command(replace(log, **changes)) is None
+
+
+def test_nothing_is_filled_in_where_the_log_has_a_gap():
+    log, _ = log_of_a_loop()
+    assert log.command is not None
+    kept = (log.command.time < 8.0) | (log.command.time > 9.0)
+    gap = replace(log, command=LogSignal(time=log.command.time[kept], values=log.command.values[kept]))
+    filled = fill_command(gap)
+    assert filled is not None
+    assert filled.command is not None
+    assert len(find_stretches(filled, filled.command)) == 2
