@@ -113,6 +113,7 @@ def test_the_disturbance_of_a_flight_is_found(perfect, log_of):
     aloft = tuple((begin + 7.0, end + 7.0) for begin, end in log.airborne)
     assert estimate_air(replace(log, airborne=aloft, **late), perfect(IRIS), IRIS).time == pytest.approx(air.time)
     truth = disturbance(records)[np.rint(air.time / 0.004).astype(int)]
+    assert air.acceleration.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
     assert np.all(np.abs(decibels(air.acceleration.std(axis=0) / truth.std(axis=0))) < 2.0)
     for k, least in enumerate((0.95, 0.98, 0.85)):
         assert np.corrcoef(air.acceleration[:, k], truth[:, k])[0, 1] > least
