@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from firmware_model.config.firmware import ardupilot_parameters, check_measured, is_measured, px4_parameters
+from firmware_model.config.firmware import check_measured, is_measured
 from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_parameters
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
@@ -63,7 +63,7 @@ _DIGITS, _SLEW_MARGIN = 5, 1e-4
 
 
 _LIMITS_OF_USERS = ("_SMAX", "_IMAX")
-"""Ends of the names of limits that are not gains: where a log measured the vehicle, its own are left alone."""
+"""Ends of the names of limits that are not gains: the user's own are left alone."""
 
 
 class _Structure(NamedTuple):
@@ -254,29 +254,21 @@ def tune_gains(
 
 
 def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
-    """Write the parameters of a tuning, and of the vehicle's frame, as a file that ground stations load.
+    """Write gains and filters of a tuning as a file that ground stations load over the user's parameters.
 
-    Where a log measured what a command gives, the frame is assumed: gains and filters alone are written.
+    Nothing else is written: frame, motors, hover thrust, notches and limits stay those of the user's autopilot.
     """
     curve = "THR_MDL_FAC" if tuning.kind == "px4" else "MOT_THST_EXPO"
-    if is_measured(vehicle):
-        frame, own = {}, [name for name in tuning.parameters if not name.endswith(_LIMITS_OF_USERS)]
-        note = "gains and filters alone, for the frame, motors and hover thrust of the log"
-    else:
-        frame, own = (
-            px4_parameters(vehicle) if tuning.kind == "px4" else ardupilot_parameters(vehicle),
-            [*tuning.parameters],
-        )
-        note = f"{curve} is not set here: it must make the thrust of your motors linear in the command"
-    values = {name: value for name, value in frame.items() if name != curve}
-    values |= {name: f"{tuning.parameters[name]:g}" for name in own}
+    source = "of the log" if is_measured(vehicle) else f"of the vehicle file; {curve} must make the thrust linear"
     head = [
         f"{AUTOPILOTS[tuning.kind].name}, vehicle '{vehicle.name}': gains of least attitude error in gusts",
         f"predicted: {tuning.describe_error()},",
         f"torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}, {tuning.corner_Ms:.2f} over the file's spreads",
-        f"{note}; {tuning.describe_notches()}",
+        f"gains and filters alone, for frame and motors {source}",
+        tuning.describe_notches(),
     ]
-    write_parameters(values, path, GROUND_STATION_FORMS[tuning.kind], head)
+    own = {name: f"{value:g}" for name, value in tuning.parameters.items() if not name.endswith(_LIMITS_OF_USERS)}
+    write_parameters(own, path, GROUND_STATION_FORMS[tuning.kind], head)
 
 
 class _Search:
