@@ -8,7 +8,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.laws import PARAMETER_SUFFIXES
+from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains
 from gustproof.cli.options import (
     SEED,
     AsJson,
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from gustproof.studies.rate.improvement import Improvement
     from gustproof.studies.rate.judge import Judgement
 
-_LAWS, _LOGS = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog")
-
 
 def judge(
     context: typer.Context,
@@ -46,6 +44,9 @@ def judge(
         ),
     ],
     vehicle: VehicleName = "paper",
+    over: Annotated[
+        str | None, typer.Option(help="Load the file over these parameters, of a log or a file, as on the vehicle.")
+    ] = None,
     air: Annotated[str, typer.Option(help="Scenario that gives turbulence and delay.")] = "paper-turbulence",
     moment: Annotated[
         str | None,
@@ -87,7 +88,7 @@ def judge(
     check_output(output, ".html", "a page")
     budget = None if moment is None else parse_positive_vector("--moment", moment)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
-    law, step, remarks = _read(gains, vehicles.nominal)
+    law, step, remarks = read_gains(gains, vehicles.nominal, over)
     is_autopilot = autopilot_kind(law) is not None
     check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
     _tell_default(context, vehicle, is_autopilot=is_autopilot)
@@ -217,32 +218,3 @@ def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Pa
     else:
         tuned.law.save(path)
     return [path]
-
-
-def _read(gains: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
-    """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model."""
-    from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
-    from gustproof.law.write.matrices import read_law
-
-    path = Path(gains)
-    if gains in AUTOPILOTS:
-        model = autopilot_law(gains, {}, vehicle)
-        return model.law, model.thrust_step, model.remarks
-    if path.suffix in _LAWS:
-        return read_law(gains), 0.0, ()
-    findings: tuple[str, ...] = ()
-    if path.suffix.lower() in _LOGS:
-        from gustproof.logs.read.read_log import read_log
-
-        log = read_log(path)
-        if not log.parameters:
-            raise ConfigError(f"{path}: the log has no parameters")
-        if log.system in AUTOPILOTS:
-            try:
-                AUTOPILOTS[log.system].check_gains(log.parameters)
-            except ConfigError as error:
-                raise ConfigError(f"{path}: {error}") from None
-        model, findings = autopilot_law(log.system, log.parameters, vehicle), log.findings
-    else:
-        model = read_autopilot_law(path, vehicle)
-    return model.law, model.thrust_step, (*model.remarks, *findings)

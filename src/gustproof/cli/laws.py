@@ -8,6 +8,8 @@ from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
 PARAMETER_SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of autopilots' parameter files."""
+_LAW_SUFFIXES, _LOG_SUFFIXES = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog")
 LAW_HELP = (
     "A shipped law, a .json or .mat file, or a folder of tables; parameters of PX4 or ArduPilot (.params, .param) for "
     "its own loops."
@@ -148,3 +151,69 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     price = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"
     print(f"gustproof: {DEFAULT_LAW} tuned for '{printable(name)}': {price}", file=sys.stderr)
     return tuning.law
+
+
+def read_gains(gains: str, vehicle: "Vehicle", over: str | None = None) -> "tuple[Law, float, tuple[str, ...]]":
+    """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model.
+
+    A parameter file is loaded `over` other parameters, those of a log or of a file, as a ground station loads it.
+
+    Raises
+    ------
+    ConfigError
+        If a file is wrong, or there is one to load over that is not of the same autopilot.
+    """
+    from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
+    from gustproof.law.write.matrices import read_law
+
+    path = Path(gains)
+    if over is not None:
+        return _read_over(gains, over, vehicle)
+    if gains in AUTOPILOTS:
+        model = autopilot_law(gains, {}, vehicle)
+        return model.law, model.thrust_step, model.remarks
+    if path.suffix in _LAW_SUFFIXES:
+        return read_law(gains), 0.0, ()
+    findings: tuple[str, ...] = ()
+    if path.suffix.lower() in _LOG_SUFFIXES:
+        system, parameters, findings = _read_logged(path)
+        model = autopilot_law(system, parameters, vehicle)
+    else:
+        model = read_autopilot_law(path, vehicle)
+    return model.law, model.thrust_step, (*model.remarks, *findings)
+
+
+def _read_over(gains: str, over: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
+    from firmware_model.config.parameter_files import read_parameters
+    from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+    from gustproof.design.loops.settings import drop_fractions
+    from gustproof.studies.rate.advice import autopilot_kind
+
+    own, below = (read_gains(each, vehicle) for each in (gains, over))
+    kind = autopilot_kind(own[0])
+    if not is_parameter_file(gains) or kind is None or autopilot_kind(below[0]) != kind:
+        raise ConfigError(f"--over {over}: a parameter file is loaded over parameters of its own autopilot")
+    known: dict[str, float] = {}
+    if Path(over).suffix.lower() in _LOG_SUFFIXES:
+        known = dict(_read_logged(Path(over))[1])
+    elif over not in AUTOPILOTS:
+        known = {name: float(value) for name, value in read_parameters(over, "").items()}
+    known |= {name: float(value) for name, value in read_parameters(gains, "").items()}
+    model = autopilot_law(kind, drop_fractions(AUTOPILOTS[kind], known), vehicle, name=own[0].name)
+    return model.law, model.thrust_step, model.remarks
+
+
+def _read_logged(path: Path) -> "tuple[str, Mapping[str, float], tuple[str, ...]]":
+    """Return the writer of a log, its parameters, and its shortcomings."""
+    from gustproof.design.loops.models import AUTOPILOTS
+    from gustproof.logs.read.read_log import read_log
+
+    log = read_log(path)
+    if not log.parameters:
+        raise ConfigError(f"{path}: the log has no parameters")
+    if log.system in AUTOPILOTS:
+        try:
+            AUTOPILOTS[log.system].check_gains(log.parameters)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from None
+    return log.system, log.parameters, log.findings

@@ -1,12 +1,16 @@
 """The command `gustproof tune`: a law, or an autopilot's gains, for a vehicle."""
 
+import math
+import sys
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gustproof.cli.laws import PARAMETER_SUFFIXES
+from firmware_model.config.validation import printable
+from firmware_model.errors import ConfigError
+from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains
 from gustproof.cli.options import (
     AsJson,
     FigureData,
@@ -27,6 +31,7 @@ from gustproof.show.report.figure_style import FigureStyle, figures_as
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.law.form import Law
 
 
 class LawStructure(Enum):
@@ -61,6 +66,10 @@ def tune(
         TunedAutopilot | None,
         typer.Option("--for", help="Tune this autopilot's own loops, and write its parameters.", show_default=False),
     ] = None,
+    flown: Annotated[
+        str | None,
+        typer.Option("--from", help="Go in steps from these parameters, of a file or log."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law (.json) or the parameters (.params) here.")
     ] = None,
@@ -75,31 +84,39 @@ def tune(
 ) -> None:
     """Tune a law for a vehicle: the least attitude error in gusts at a torque slew and a sensitivity peak.
 
-    Spreads of inertia and lag in the vehicle's file are kept, 20 % and 30 % without. The flagship also keeps the
-    margins of a PID, as far as they cost no more than 15 % over the least error. The same vehicle has the same law.
-    Structures from lqg on are laws of the literature to compare with; px4 and ardupilot are these cascades as laws.
+    Spreads of inertia and lag are kept, 20 % and 30 % without. The flagship also keeps the margins of a PID, where they
+    cost at most 15 % over the least error. Steps of --from are at most 1.5 times in any gain and 2 times in slew. It
+    writes the first: fly it, and start from its log for the next.
 
         gustproof tune my-quad.toml --slew 7 -o my-law.json --figure my-curve.png
 
-        gustproof tune my-quad.toml --for px4 -o my-quad.params
+        gustproof tune my-quad.toml --from flight.ulg -o my-quad.params
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
 
-    check_output(output, *((".json", "a law file") if autopilot is None else (PARAMETER_SUFFIXES, "a parameter file")))
+    is_law = autopilot is None and flown is None
+    check_output(output, *((".json", "a law file") if is_law else (PARAMETER_SUFFIXES, "a parameter file")))
     check_figure(figure, data=data)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
-    if autopilot is None:
+    if is_law:
         with figures_as(style, data=data):
             _tune_law(law, vehicles, script, slew, ms, output, figure, as_json=as_json)
     else:
-        refuse_given(context, ("law", "figure"), "--for tunes the autopilot's own loops")
-        _tune_autopilot(autopilot, vehicles, script, slew, ms, output, as_json=as_json)
-    if output is not None and not as_json:
-        print_next("judge", output, "--vehicle", vehicle)
-    elif not as_json:
-        suffix = ".json" if autopilot is None else PARAMETER_SUFFIXES[0]
+        refuse_given(context, ("law", "figure"), "--for and --from tune the autopilot's own loops")
+        start = None if flown is None else _read_flown(flown, autopilot, vehicles)
+        kind, law_flown = start or (autopilot.value if autopilot else "", None)
+        _tune_autopilot(kind, law_flown, vehicles, script, slew, ms, output, as_json=as_json)
+    if not as_json:
+        _print_next(context, output, vehicle, flown, ".json" if is_law else PARAMETER_SUFFIXES[0])
+
+
+def _print_next(context: typer.Context, output: Path | None, vehicle: str, flown: str | None, suffix: str) -> None:
+    """Print the judgement of what is written as the next command, or the present one with a file to write."""
+    if output is None:
         print_again(context, "-o", Path(vehicle).stem + suffix, without=("figure", "style", "data"))
+    else:
+        print_next("judge", output, *(() if flown is None else ("--over", flown)), "--vehicle", vehicle)
 
 
 def _tune_law(
@@ -136,8 +153,29 @@ def _tune_law(
             print(f"{kind} in {path}")
 
 
+def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "VehicleSet") -> "tuple[str, Law]":
+    """Return the autopilot and the loops of a file's parameters; tell on stderr what is taken for granted of them.
+
+    Raises
+    ------
+    ConfigError
+        If they are of no autopilot, or not of the one that is given.
+    """
+    from gustproof.studies.rate.advice import autopilot_kind
+
+    law, _, remarks = read_gains(source, vehicles.nominal)
+    kind = autopilot_kind(law)
+    if kind is None or (autopilot is not None and kind != autopilot.value):
+        wanted = "PX4 or ArduPilot" if autopilot is None else f"--for {autopilot.value}"
+        raise ConfigError(f"--from {source}: holds no parameters of {wanted}")
+    for remark in remarks:
+        print(f"{law.name}: {printable(remark)}", file=sys.stderr)
+    return kind, law
+
+
 def _tune_autopilot(
-    autopilot: TunedAutopilot,
+    kind: str,
+    flown: "Law | None",
     vehicles: "VehicleSet",
     script: "Scenario",
     slew: float | None,
@@ -146,23 +184,31 @@ def _tune_autopilot(
     *,
     as_json: bool,
 ) -> None:
-    import math
-
     from gustproof.design.autopilot_gains import save_tuning, tune_gains
     from gustproof.design.tune import wanted_slew
+    from gustproof.show.report.gain_steps import render_steps, steps_document
+    from gustproof.show.report.terminal import show
+    from gustproof.studies.rate.tuning_steps import plan_steps
 
-    price = wanted_slew(vehicles.nominal, script, slew, ms)
-    with progress(f"tuning {autopilot.value}", quiet=as_json) as shown:
-        tuning = tune_gains(autopilot.value, vehicles, script, slew=price, sensitivity_peak=ms, progress=shown)
+    price, given = wanted_slew(vehicles.nominal, script, slew, ms), {} if flown is None else flown.provenance.parameters
+    with progress(f"tuning {kind}", quiet=as_json) as shown:
+        tuning = tune_gains(kind, vehicles, script, slew=price, sensitivity_peak=ms, flown=given, progress=shown)
+        steps = [] if flown is None else plan_steps(tuning, flown, vehicles, script)
+    written = steps[1].tuning if steps else tuning
     if output is not None:
-        save_tuning(tuning, vehicles.nominal, output)
+        save_tuning(written, vehicles.nominal, output)
     if as_json:
-        errors = {"rmse_deg": math.degrees(tuning.seen_rmse), "true_rmse_deg": math.degrees(tuning.rmse)}
-        figures = {"Ms": tuning.Ms, "slew": tuning.slew, **errors}
-        print_json({"law": tuning.law.name, **figures, "parameters": tuning.parameters})
+        errors = {"rmse_deg": math.degrees(written.seen_rmse), "true_rmse_deg": math.degrees(written.rmse)}
+        figures = {"Ms": written.Ms, "slew": written.slew, **errors}
+        document = {"law": tuning.law.name, **figures, "parameters": written.parameters}
+        print_json({**document, **({"steps": steps_document(steps)} if steps else {})})
         return
-    for name, value in tuning.parameters.items():
-        print(f"{name} {value:g}")
-    print(f"predicted: {tuning.describe_error()}, torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}")
+    if steps:
+        show(render_steps(steps))
+    else:
+        for name, value in tuning.parameters.items():
+            print(f"{name} {value:g}")
+    spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
+    print(f"predicted: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
-        print(f"parameters in {output}")
+        print(f"parameters in {output}" + (f": step 1 of {len(steps) - 1}" if steps else ""))

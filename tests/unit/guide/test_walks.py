@@ -72,6 +72,7 @@ INSTEAD = (
         r"^identify flight\.(ulg|bin)(.*)",
         r"identify my-log\2 --like paper",
     ),  # known rotors: no autopilot flew it
+    (r"--(from|over) flight\.ulg", r"--\1 px4"),  # no autopilot's parameters are in that log
     (r"flight\.(ulg|bin)", "my-log"),  # readers of these logs have tests with judges of their own
     (r"^autopilot(?! params)", "autopilot --instance 209"),  # other tests use the usual ports beside this one
     (r"^replay runs/fly-001", "replay runs/fly-002"),  # the first one fails its requirement

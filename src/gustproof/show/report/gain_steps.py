@@ -1,0 +1,58 @@
+"""Steps from flown gains to those of a tuning, as text and as a document of JSON."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from gustproof.show.report.terminal import Renderable
+from gustproof.studies.rate.tuning_steps import MOST_GAIN, TuningStep
+
+_FEEL = (
+    "After each step hover and stop hard: a rising tone, twitching or warm motors tell too much. Then go back a step, "
+    "else start from the log of that flight."
+)
+
+
+def render_steps(steps: Sequence[TuningStep]) -> Renderable:
+    """Return the figures of each step, then each parameter now, in the first step and at the end."""
+    figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title="Steps")
+    for number, step in enumerate(steps):
+        told, margins = step.tuning, step.margins
+        figures.add_row(
+            str(number) if number else "now",
+            *(_cell(value) for value in (math.degrees(told.rmse), told.slew, told.Ms, told.corner_Ms)),
+            *(("-", "-") if margins is None else (_cell(margins.gain_margin), _cell(1e3 * margins.delay_margin))),
+        )
+    now, first, last = (steps[at].tuning.parameters for at in (0, 1, -1))
+    values = Table("parameter", "now", "step 1", f"step {len(steps) - 1}", title=f"At most {MOST_GAIN:g} times a step")
+    for name in last:
+        values.add_row(name, *(_cell(each.get(name, math.inf)) for each in (now, first, last)))
+    return Group(figures, values, Text(_FEEL))
+
+
+def steps_document(steps: Sequence[TuningStep]) -> list[dict[str, Any]]:
+    """Return the steps as JSON values, the flown gains first; numbers that are not finite are `None`."""
+    return [
+        {
+            "parameters": step.tuning.parameters,
+            "true_rmse_deg": _finite(math.degrees(step.tuning.rmse)),
+            "slew": _finite(step.tuning.slew),
+            "Ms": _finite(step.tuning.Ms),
+            "Ms_over_spreads": _finite(step.tuning.corner_Ms),
+            "gain_margin": None if step.margins is None else _finite(step.margins.gain_margin),
+            "delay_margin_s": None if step.margins is None else _finite(step.margins.delay_margin),
+        }
+        for step in steps
+    ]
+
+
+def _cell(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "unstable"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,93 @@
+"""Steps from the gains that an autopilot flies to those of a tuning: none more than a pilot can feel and take back."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from firmware_model.config.scenario import Scenario
+from firmware_model.config.uncertainty import VehicleSet
+from gustproof.airframe.hover import hover_plant, loop_law
+from gustproof.airframe.output_rounding import rounding_slew
+from gustproof.airframe.predict import predict
+from gustproof.design.autopilot_gains import AutopilotTuning
+from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.law.form import Law
+from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
+from gustproof.studies.rate.failure_case import spectral_radius
+from gustproof.studies.rate.judge import MOST_SLEW, scenario_for
+from gustproof.studies.rate.plant_box import plant_box
+
+MOST_GAIN = 1.5
+"""[-] most by which a step multiplies or divides a gain or a corner."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TuningStep:
+    """Gains on the way, and what they are predicted to do."""
+
+    tuning: AutopilotTuning
+    """Parameters with error, slew and Ms; infinite if a vehicle of the spreads is unstable."""
+    margins: LoopMargins | None
+    """Worst margins of the axes with the nominal vehicle; `None` as before."""
+
+
+def plan_steps(tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenario: Scenario) -> list[TuningStep]:
+    """Return the gains that are `flown`, as step 0, and those of each step to a tuning.
+
+    Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
+    more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. What the tuning sets to 0, such as a filter, is 0
+    from step 1 on.
+    """
+    now = flown.provenance.parameters
+    goal = {name: value for name, value in tuning.parameters.items() if name in now}
+    moved = {name: (now[name], value) for name, value in goal.items() if value > 0.0}
+    pairs = [(_whole_gain(now, name), _whole_gain(goal, name)) for name in moved if not name.endswith("_K")]
+    ratios = [max(new / old, old / new) for old, new in pairs if old > 0.0]
+    start = _assess(tuning, flown, dict(now), vehicles, scenario)
+    slew = tuning.slew / start.tuning.slew if math.isfinite(start.tuning.slew) and start.tuning.slew > 0.0 else 1.0
+    count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(slew))
+    steps = [start]
+    for number in range(1, count + 1):
+        values = {**goal, **{name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}}
+        law = autopilot_law(tuning.kind, {**now, **values}, vehicles.nominal, rate_hz=round(1.0 / flown.dt)).law
+        steps.append(_assess(tuning, law, values, vehicles, scenario))
+    return steps
+
+
+def _whole_gain(values: Mapping[str, float], name: str) -> float:
+    """Return a gain times the overall gain K of its loop, if that has one."""
+    return values[name] * values.get(f"{name[:-1]}K", 1.0)
+
+
+def _slew_steps(ratio: float) -> int:
+    return math.ceil(math.log(ratio, MOST_SLEW) - 1e-9) if ratio > 1.0 else 1
+
+
+def _between(name: str, old: float, new: float, share: float, tuning: AutopilotTuning) -> float:
+    """Return a parameter on the way, a whole number where the autopilot keeps those."""
+    value = share * new if old == 0.0 else old ** (1.0 - share) * new**share
+    return float(round(value)) if name in AUTOPILOTS[tuning.kind].whole else float(f"{value:.5g}")
+
+
+def _assess(
+    tuning: AutopilotTuning, law: Law, parameters: Mapping[str, float], vehicles: VehicleSet, scenario: Scenario
+) -> TuningStep:
+    """Return the step of a law, with what `tuning` says of its autopilot."""
+    vehicle, script = vehicles.nominal, scenario_for(law, vehicles.nominal, scenario)
+    tried = [vehicle, *plant_box(vehicles).corners()]
+    own = replace(tuning, parameters=dict(parameters), law=law)
+    if any(spectral_radius(law, each, script) >= 1.0 for each in tried):
+        lost = math.inf
+        own = replace(own, rmse=lost, seen_rmse=lost, slew=lost, Ms=lost, corner_Ms=lost)
+        return TuningStep(tuning=own, margins=None)
+    found, K = predict(law, vehicle, script), loop_law(law)
+    assert found is not None  # as for a law of torque
+    assert found.seen_rmse is not None  # on strapdown
+    loops = [worst_loop(input_margins(hover_plant(each, script), K)) for each in tried]
+    steps = AUTOPILOTS[tuning.kind].thrust_steps
+    rounding = rounding_slew(
+        found.axes_slew, vehicle.rotors, vehicle.rotors.thrust_max / steps if steps else 0.0, script.dt
+    )
+    slew, corner = math.hypot(found.slew, rounding), max(each.Ms for each in loops)
+    told = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)
+    return TuningStep(tuning=told, margins=loops[0])

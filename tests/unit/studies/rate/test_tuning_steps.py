@@ -1,0 +1,76 @@
+"""Steps from flown gains to a tuning: what each may change, and what is loaded is what was promised."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_parameters
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import load_vehicle_set
+from firmware_model.errors import ConfigError
+from gustproof.cli.app import app
+from gustproof.cli.laws import read_gains
+from gustproof.design.autopilot_gains import save_tuning, tune_gains
+from gustproof.design.loops.models import autopilot_law
+from gustproof.studies.rate.judge import MOST_SLEW
+from gustproof.studies.rate.tuning_steps import MOST_GAIN, plan_steps
+
+AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
+FLOWN = {
+    "px4": {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.05, "MC_YAWRATE_K": 1.5, "IMU_GYRO_NF0_FRQ": 60.0},
+    "ardupilot": {"ATC_RAT_RLL_P": 0.05, "INS_GYRO_FILTER": 20.0, "SCHED_LOOP_RATE": 800.0, "FRAME_CLASS": 1.0},
+}
+
+
+@pytest.mark.parametrize("kind", FLOWN)
+def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(kind: str, tmp_path: Path) -> None:
+    flown = autopilot_law(kind, FLOWN[kind], IRIS.nominal).law
+    goal = tune_gains(kind, IRIS, AIR, slew=4.0, flown=flown.provenance.parameters)
+    now, *steps = plan_steps(goal, flown, IRIS, AIR)
+    assert (now.tuning.law.A == flown.A).all()
+    end = steps[-1].tuning.parameters
+    assert end == pytest.approx({name: goal.parameters[name] for name in end}, rel=1e-4)
+    assert len(steps) > 2
+    for before, after in zip([now, *steps], steps, strict=False):
+        assert after.tuning.slew < 1.02 * MOST_SLEW * before.tuning.slew
+        old, new = before.tuning.parameters, after.tuning.parameters
+        for name in end:
+            if now.tuning.parameters[name] and new[name]:
+                whole = [each[name] * each.get(f"{name[:-1]}K", 1.0) for each in (old, new)]
+                limit = MOST_GAIN * (1.0 + (0.5 / new[name] if name == "INS_GYRO_FILTER" else 1e-3))
+                assert name.endswith("_K") or 1.0 / limit < whole[1] / whole[0] < limit, name
+    save_tuning(steps[0].tuning, IRIS.nominal, tmp_path / "step.params")
+    mine = tmp_path / "mine.params"
+    write_parameters({name: f"{value:g}" for name, value in FLOWN[kind].items()}, mine, GROUND_STATION_FORMS[kind])
+    loaded, _, _ = read_gains(str(tmp_path / "step.params"), IRIS.nominal, over=str(mine))
+    np.testing.assert_allclose(loaded.D, steps[0].tuning.law.D, rtol=1e-4)
+    assert loaded.dt == steps[0].tuning.law.dt
+
+
+def test_gains_that_are_unstable_now_are_told_so() -> None:
+    flown = autopilot_law("px4", {"MC_ROLLRATE_P": 3.0}, IRIS.nominal).law
+    goal = tune_gains("px4", IRIS, AIR, slew=4.0)
+    now, *steps = plan_steps(goal, flown, IRIS, AIR)
+    assert now.margins is None
+    assert math.isinf(now.tuning.Ms)
+    assert math.isfinite(steps[-1].tuning.Ms)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["tune", "iris", "--from", "flagship"], "holds no parameters of PX4 or ArduPilot"),
+        (["tune", "iris", "--from", "px4", "--for", "ardupilot"], "holds no parameters of --for ardupilot"),
+        (["tune", "iris", "--from", "no.params"], "no.params"),
+        (["tune", "iris", "--from", "px4", "--law", "pid"], "--for and --from tune the autopilot's own loops"),
+    ],
+)
+def test_a_start_that_is_none_is_refused_in_a_line(arguments: list[str], said: str) -> None:
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert said in result.output
+    with pytest.raises(ConfigError, match="is loaded over parameters of its own autopilot"):
+        read_gains("px4", IRIS.nominal, over="ardupilot")
