@@ -85,7 +85,7 @@ class AutopilotLoops(NamedTuple):
     loop_rate: tuple[str, float, float]
     """Parameter of the loops' rate, its least and its largest value [Hz]."""
     rotors: Callable[[Mapping[str, float]], tuple[str, int] | None]
-    """Parameters to those of the frame in words, and its number of rotors; `None` if they do not tell it."""
+    """Parameters to those of the frame in words, and its number [-] of rotors; `None` if they do not tell it."""
 
     def find_rate(self, parameters: Mapping[str, float]) -> tuple[int, str]:
         """Return the rate [Hz] of the loops by their parameters, and a remark on it.

@@ -350,8 +350,12 @@ def _estimate(axis: _Axis, dt: float, slow: str) -> AxisEstimate:
 def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
     name, gain = _AXES[axis.data.axis], axis.wide_gain
+    manoeuvre = (
+        f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at "
+        "250 Hz"
+    )
     if axis.doubt:
-        return f"{name} is not identified: {axis.doubt}"
+        return f"{name} is not identified: {axis.doubt}. {manoeuvre}"
     share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
     if share > _MOSTLY:
@@ -361,8 +365,7 @@ def _advise(axis: _Axis) -> str:
         )
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
-        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. Fly steps of "
-        f"10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at 250 Hz"
+        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. {manoeuvre}"
     )
 
 
