@@ -351,8 +351,8 @@ def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
     name, gain = _AXES[axis.data.axis], axis.wide_gain
     manoeuvre = (
-        f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque command at "
-        "250 Hz"
+        f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque "
+        "command at 250 Hz"
     )
     if axis.doubt:
         return f"{name} is not identified: {axis.doubt}. {manoeuvre}"
