@@ -53,6 +53,7 @@ _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
+_FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
 
 Spans = Sequence[tuple[float, float]]
@@ -141,11 +142,12 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
         If the log has no commands, or is too short in the air.
     """
     slow, filled = describe_slow_log(log, _find_command(log)[0]), fill_command(log)
-    return _identify(filled or log, progress or (lambda _: None), slow=slow, sampled=filled is not None)
+    sampled = 0.0 if filled is None or log.command is None else sample_time(log.command)
+    return _identify(filled or log, progress or (lambda _: None), slow=slow, sampled=sampled)
 
 
-def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampled: bool) -> Identification:
-    """Return the estimates of a log whose commands are `sampled` from quicker ones, or may be held.
+def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampled: float) -> Identification:
+    """Return the estimates of a log whose commands are filled in between some `sampled` [s] apart; 0 if none are.
 
     `slow` blames its rates, where they are to blame.
     """
@@ -269,7 +271,7 @@ def _test_held_out(axis: _Axis, ahead: list[Stretch]) -> _HeldOut:
     )
 
 
-def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str, sampled: bool) -> Identification:
+def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str, sampled: float) -> Identification:
     """Return the results in the form that others read."""
     told = [axis for axis in axes if axis.gain is not None]
     lag, delay, lateness = _lateness(told, 0.5 * sample_time(command), sampled=sampled)
@@ -308,28 +310,30 @@ def _support(log: FlightLog, axes: list[_Axis]) -> dict[str, Array]:
     }
 
 
-def _lateness(told: list[_Axis], hold: float, *, sampled: bool) -> list[Interval | None]:
+def _lateness(told: list[_Axis], hold: float, *, sampled: float) -> list[Interval | None]:
     """Return actuator lag, delay and their sum [s], as far as the axes tell; each interval spans those of all.
 
-    Commands act for twice `hold` [s]. They are `sampled` from quicker ones, and half of that is no delay, or they may
-    be held.
+    Commands act for twice `hold` [s], half of which is no delay where they are filled in. What is filled in, between
+    commands that are `sampled` [s] apart, is in error, and lag and delay with it. Else, at 0, they may be held.
     """
     if not told:
         return [None, None, None]
-    least, usual = (hold, hold) if sampled else (0.0, 0.5 * hold)
+    least, usual, blur = (hold, hold, _FILLED * sampled) if sampled else (0.0, 0.5 * hold, _BLUR * hold)
     found = []
-    for of, later in ((_lag, False), (lambda p: p[..., DELAY], True), (lambda p: _lag(p) + p[..., DELAY], True)):
-        each = [widen(interval(axis.theta, axis.replicates, of), _BLUR * hold) for axis in told]
+    for of, later in ((_lag, 0.0), (_delay, 1.0), (lambda p: _lag(p) + _delay(p), 1.0)):
+        each = [widen(interval(axis.theta, axis.replicates, of), blur) for axis in told]
         low, high = min(one.low for one in each), max(one.high for one in each)
-        nominal = each[0].nominal
-        found.append(
-            Interval(low + least, nominal + usual, high + hold) if later else Interval(max(low, 0.0), nominal, high)
-        )
-    return list(found)
+        found.append(Interval(low + later * least, each[0].nominal + later * usual, high + later * hold))
+    lag, delay, both = found
+    return [lag._replace(low=max(lag.low, 0.0)), delay, both]
+
+
+def _delay(theta: Array) -> Array:
+    return np.asarray(theta[..., DELAY])
 
 
 def _lag(theta: Array) -> Array:
-    return np.exp(theta[..., LAG])
+    return np.asarray(np.exp(theta[..., LAG]))
 
 
 def _estimate(axis: _Axis, dt: float, slow: str) -> AxisEstimate:
