@@ -132,7 +132,8 @@ def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
         Ms=1.399, corner_Ms=2.1,
     )  # fmt: skip
     monkeypatch.setattr("gustproof.design.autopilot_gains.tune_gains", lambda *_, **__: tuning)
-    told = "(0.0487 deg by its own attitude, without the walk of the gyro's noise), torque slew 21.3 N m/s, Ms 1.40"
+    told = "(0.0487 deg by its own attitude, without the walk of the gyro's noise), torque slew 21.3 N m/s, Ms 1.40, "
+    told += "2.10 over the file's spreads"
     result = run("tune", "paper", "--for", "px4")
     next_line = "next: gustproof tune paper --for px4 -o paper.params\n"
     assert result.stdout == f"MC_ROLL_P 5\npredicted: error 0.0859 deg {told}\n{next_line}"
