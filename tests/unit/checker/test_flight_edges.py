@@ -983,3 +983,20 @@ SMALL = [[value / 64 for value in row] for row in some_box(10)]
 def test_no_row_is_compared_or_added_up_to_the_length_of_a_shorter_one(compare):
     with pytest.raises(ValueError, match="zip"):
         compare()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "whatever the constant inertia within 12.5 % and the lag within 6.25 %, with gyro noise"),
+        ({"inertia_spread": 0.0}, "whatever the constant inertia within 0 % and the lag within 6.25 %"),
+        (
+            {"inertia_spread": 0.0, "lag_spread": 0.0, "noise": 0.0, "risk": 0.0},
+            "with nominal inertia and lag, without gyro noise",
+        ),
+    ],
+)
+def test_a_statement_tells_the_spreads_and_the_noise_that_it_holds_for(changes: dict[str, float], words: str):
+    system = read_system(json.dumps(law_document()), VEHICLE)
+    figures = {"estimate_deg": [1.0, 2.0, 3.0], "torque_nm": [0.5, 0.5, 0.5], "truth_deg": [None] * 3}
+    assert words in flight_box._statement(system, some_claim(**changes), figures, "no bound of the true attitude")
