@@ -168,7 +168,7 @@ def read_gains(gains: str, vehicle: "Vehicle", over: str | None = None) -> "tupl
 
     path = Path(gains)
     if over is not None:
-        return _read_over(gains, over, vehicle)
+        return _read_over(path, over, vehicle)
     if gains in AUTOPILOTS:
         model = autopilot_law(gains, {}, vehicle)
         return model.law, model.thrust_step, model.remarks
@@ -183,24 +183,16 @@ def read_gains(gains: str, vehicle: "Vehicle", over: str | None = None) -> "tupl
     return model.law, model.thrust_step, (*model.remarks, *findings)
 
 
-def _read_over(gains: str, over: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
-    from firmware_model.config.parameter_files import read_parameters
-    from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
-    from gustproof.design.loops.settings import drop_fractions
+def _read_over(path: Path, over: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
+    from gustproof.design.loops.models import read_autopilot_law
     from gustproof.studies.rate.advice import autopilot_kind
 
-    own, below = (read_gains(each, vehicle) for each in (gains, over))
-    kind = autopilot_kind(own[0])
-    if not is_parameter_file(gains) or kind is None or autopilot_kind(below[0]) != kind:
+    below, _, remarks = read_gains(over, vehicle)
+    kind, is_file = autopilot_kind(below), is_parameter_file(str(path))
+    model = read_autopilot_law(path, vehicle, over=below.provenance.parameters) if kind and is_file else None
+    if model is None or autopilot_kind(model.law) != kind:
         raise ConfigError(f"--over {over}: a parameter file is loaded over parameters of its own autopilot")
-    known: dict[str, float] = {}
-    if Path(over).suffix.lower() in _LOG_SUFFIXES:
-        known = dict(_read_logged(Path(over))[1])
-    elif over not in AUTOPILOTS:
-        known = {name: float(value) for name, value in read_parameters(over, "").items()}
-    known |= {name: float(value) for name, value in read_parameters(gains, "").items()}
-    model = autopilot_law(kind, drop_fractions(AUTOPILOTS[kind], known), vehicle, name=own[0].name)
-    return model.law, model.thrust_step, model.remarks
+    return model.law, model.thrust_step, tuple(dict.fromkeys((*model.remarks, *remarks)))
 
 
 def _read_logged(path: Path) -> "tuple[str, Mapping[str, float], tuple[str, ...]]":

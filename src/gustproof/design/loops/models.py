@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from firmware_model.config.firmware import is_measured
 from firmware_model.config.parameter_files import SUFFIXES, read_parameters
@@ -110,8 +111,12 @@ def autopilot_law(
     )
 
 
-def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = None) -> AutopilotLaw:
+def read_autopilot_law(
+    path: Path, vehicle: Vehicle, *, rate_hz: int | None = None, over: Mapping[str, float] = MappingProxyType({})
+) -> AutopilotLaw:
     """Return the loops of a parameter file, .params of QGroundControl or .param of ArduPilot, found by its names.
+
+    It is loaded `over` other parameters of that autopilot.
 
     Raises
     ------
@@ -132,7 +137,7 @@ def read_autopilot_law(path: Path, vehicle: Vehicle, *, rate_hz: int | None = No
     kept = drop_fractions(AUTOPILOTS[kinds[0]], parameters)
     try:
         AUTOPILOTS[kinds[0]].check_gains(parameters)
-        built = autopilot_law(kinds[0], kept, vehicle, rate_hz=rate_hz, name=name)
+        built = autopilot_law(kinds[0], {**over, **kept}, vehicle, rate_hz=rate_hz, name=name)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
     return replace(built, remarks=(*found, *_cut(AUTOPILOTS[kinds[0]], parameters, kept), *built.remarks))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,9 +55,9 @@ def test_limits_stand_in_order(standing):
     assert min(more.rmse_deg) > more.any_Ms_deg == found.gyro_deg
 
 
-def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing):
+def test_the_trade_off_figure_has_limits_and_laws_where_they_are(drawn, standing, tmp_path):
     flown = dict.fromkeys(LAWS, SimpleNamespace(rmse_deg=0.12))
-    save_trade_off(standing.limits, standing.places, flown, Path("trade-off.png"))
+    save_trade_off(standing.limits, standing.places, flown, tmp_path / "trade-off.png")
     (figure,) = drawn
     for axes in figure.axes:
         lines = {line.get_label(): line for line in axes.get_lines()}
