@@ -1,6 +1,7 @@
 """Laws as commands take them: shipped ones, law files, and parameter files of autopilots."""
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,9 +71,14 @@ def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law
     from gustproof.design.loops.models import read_autopilot_law
 
     found = read_autopilot_law(Path(name_or_path), vehicle, rate_hz=rate_hz)
-    for remark in found.remarks:
-        print(f"{found.law.name}: {printable(remark)}", file=sys.stderr)
+    tell_remarks(found.law.name, found.remarks)
     return found.law
+
+
+def tell_remarks(name: str, remarks: Iterable[str]) -> None:
+    """Print on stderr what the law of that name lacks of the loops that it stands for."""
+    for remark in remarks:
+        print(f"{name}: {printable(remark)}", file=sys.stderr)
 
 
 def find_law_vehicle(law: str, vehicle: str | None) -> str:

@@ -1,16 +1,14 @@
 """The command `gustproof tune`: a law, or an autopilot's gains, for a vehicle."""
 
 import math
-import sys
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains
+from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains, tell_remarks
 from gustproof.cli.options import (
     AsJson,
     FigureData,
@@ -168,8 +166,7 @@ def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "Vehicl
     if kind is None or (autopilot is not None and kind != autopilot.value):
         wanted = "PX4 or ArduPilot" if autopilot is None else f"--for {autopilot.value}"
         raise ConfigError(f"--from {source}: holds no parameters of {wanted}")
-    for remark in remarks:
-        print(f"{law.name}: {printable(remark)}", file=sys.stderr)
+    tell_remarks(law.name, remarks)
     return kind, law
 
 

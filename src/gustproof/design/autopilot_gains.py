@@ -209,7 +209,7 @@ def tune_gains(
         check_measured(vehicle)
         scenario = scenario_for(kind, scenario, autopilot.find_rate(flown)[0])
     script = with_measured_delay(scenario, vehicle)
-    step = vehicle.rotors.thrust_max / autopilot.thrust_steps if in_simulation and autopilot.thrust_steps else 0.0
+    step = autopilot.thrust_step(vehicle) if in_simulation else 0.0
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     fixed = complete(autopilot, structure.fixed)
     torque = autopilot.full_torque(vehicle, fixed) if in_simulation else vehicle.torque_limit

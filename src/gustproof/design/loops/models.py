@@ -99,7 +99,7 @@ def autopilot_law(
     return AutopilotLaw(
         law=law,
         rate_hz=rate,
-        thrust_step=vehicle.rotors.thrust_max / autopilot.thrust_steps if autopilot.thrust_steps else 0.0,
+        thrust_step=autopilot.thrust_step(vehicle),
         remarks=(
             *_strange(autopilot, parameters),
             *_describe_command(vehicle),

@@ -121,6 +121,10 @@ class AutopilotLoops(NamedTuple):
         if not has_gains:
             raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
 
+    def thrust_step(self, vehicle: Vehicle) -> float:
+        """Return the step [N] in which a rotor's thrust is told in simulation; 0 if it is not rounded."""
+        return vehicle.rotors.thrust_max / self.thrust_steps if self.thrust_steps else 0.0
+
     def describe_limit(self, name: str, value: float) -> str:
         """Return what is to be said of a value at or beyond its documented limit; empty within."""
         low, high = self.documented.get(name, (None, None))

@@ -270,7 +270,7 @@ def judge_law(
         reasons=(),
         axes=axes,
         predicted=predicted,
-        slew=_slew(predicted, vehicle, thrust_step, scenario),
+        slew=None if predicted is None else whole_slew(predicted, vehicle, thrust_step, scenario),
         worst_rmse_deg=None if unstable else _worst_error(law, tried, scenario),
         least_rmse_deg=_least_error(axes, predicted, vehicle, scenario),
         budget=budget,
@@ -369,9 +369,8 @@ def _judge_axes(
     return predicted, tuple(found)
 
 
-def _slew(predicted: Prediction | None, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float | None:
-    if predicted is None:
-        return None
+def whole_slew(predicted: Prediction, vehicle: Vehicle, thrust_step: float, scenario: Scenario) -> float:
+    """Return the predicted torque slew [N*m/s] with that of outputs rounded to a step of a rotor's thrust [N]."""
     return math.hypot(predicted.slew, rounding_slew(predicted.axes_slew, vehicle.rotors, thrust_step, scenario.dt))
 
 

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from gustproof.airframe.hover import hover_plant, loop_law
-from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.law.form import Law
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.studies.rate.failure_case import spectral_radius
-from gustproof.studies.rate.judge import MOST_SLEW, scenario_for
+from gustproof.studies.rate.judge import MOST_SLEW, scenario_for, whole_slew
 from gustproof.studies.rate.plant_box import plant_box
 
 MOST_GAIN = 1.5
@@ -84,10 +83,7 @@ def _assess(
     assert found is not None  # as for a law of torque
     assert found.seen_rmse is not None  # on strapdown
     loops = [worst_loop(input_margins(hover_plant(each, script), K)) for each in tried]
-    steps = AUTOPILOTS[tuning.kind].thrust_steps
-    rounding = rounding_slew(
-        found.axes_slew, vehicle.rotors, vehicle.rotors.thrust_max / steps if steps else 0.0, script.dt
-    )
-    slew, corner = math.hypot(found.slew, rounding), max(each.Ms for each in loops)
+    slew = whole_slew(found, vehicle, AUTOPILOTS[tuning.kind].thrust_step(vehicle), script)
+    corner = max(each.Ms for each in loops)
     told = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)
     return TuningStep(tuning=told, margins=loops[0])
