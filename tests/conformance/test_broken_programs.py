@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.flight.controllers.entry import parse_controller
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.protocol_check.findings import ASKED, Finding
 from gustproof.flight.protocol_check.inspection import check_controller
 

@@ -28,12 +28,12 @@ from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_controller
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.recording.bag import write_bag
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
-from gustproof.studies.campaign.plan import Campaign, Contestant, parse_campaign
+from gustproof.studies.campaign.plan import AnyController, Campaign, parse_campaign
 from gustproof.studies.campaign.runner import fly_campaign
 from gustproof.studies.campaign.worker import ChunkResult, failed_rows
 
@@ -109,7 +109,7 @@ def make_bag(source: str) -> None:
     write_bag(Path("bag"), records, {**plan_of(source), "outcome": "done", "realtime_factor": 1.0})
 
 
-def make_table(*laws: Contestant, cases: int = 4) -> None:
+def make_table(*laws: AnyController, cases: int = 4) -> None:
     """Write a table without a flight."""
 
     def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
@@ -127,7 +127,7 @@ def make_table(*laws: Contestant, cases: int = 4) -> None:
         fly_campaign(plan, Path("mc.parquet"), pool, chunk_runs=4, task=task)
 
 
-def contestant(source: str) -> Contestant:
+def user(source: str) -> AnyController:
     if source in AUTOPILOTS:
         return ExternalAutopilot(kind=source, build="build")
     return parse_controller(source)
@@ -163,7 +163,7 @@ def test_a_law_s_bag_takes_no_other_controller(words):
 
 @pytest.mark.parametrize("source", ["mine.py:make", "./law.so", *AUTOPILOTS])
 def test_a_table_starts_and_loads_nothing_but_is_read_anywhere(source, monkeypatch, tmp_path):
-    make_table(load_law("hinf-d1"), contestant(source))
+    make_table(load_law("hinf-d1"), user(source))
     result = run("campaign", "rerun", "mc.parquet:4", "--output", "out")
     assert (result.exit_code, "if you trust it, add: --" in result.stderr) == (2, True)
     more = run("campaign", "fly", "calm", "--runs", "9", "-o", "mc.parquet")
@@ -180,7 +180,7 @@ def test_a_table_that_grows_flies_only_what_is_given(source, monkeypatch):
     # by the plan alone: to fly the law beside it would take a pool
     from gustproof.studies.campaign.growth import grow_campaign
 
-    make_table(contestant(source))
+    make_table(user(source))
     plan = Campaign(
         scenario=SCENARIO, laws=(load_law("hinf-d1"),), vehicles=load_vehicle_set("paper"), spreads={}, cases=4
     )

@@ -12,15 +12,15 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.recording.folder import find_bag
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.flight import first_difference_s
 from gustproof.flight.routes.loopback import fly_by_messages
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.flight.routes.processes import fly
 from gustproof.law.form import load_law
 from gustproof.law.write.c import save_c
@@ -56,7 +56,7 @@ def entry(tmp_path):
 
 def test_an_object_flies_the_same_bits_on_every_route(entry, tmp_path):
     mine = entry()
-    direct = fly_pilot(SHORT, mine, vehicle=VEHICLE, seed=5)
+    direct = fly_controller(SHORT, mine, vehicle=VEHICLE, seed=5)
     flight = fly(SHORT, mine, vehicle=VEHICLE, seed=5, out=tmp_path)
     assert (direct.outcome, flight.outcome) == (FlightOutcome.DONE, FlightOutcome.DONE)
     assert first_difference_s(flight.records, direct.records) is None

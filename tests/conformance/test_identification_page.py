@@ -18,7 +18,7 @@ def page(tmp_path_factory):
     """The page on a flight of the manoeuvre, made by the command."""
     folder = tmp_path_factory.mktemp("identified")
     plan = FlightPlan(load_scenario("doublets"), load_law("pid-fair"), load_vehicle("iris"), 1, False)
-    records = fly_direct(plan.scenario, plan.pilot, vehicle=plan.vehicle, seed=1)
+    records = fly_direct(plan.scenario, plan.controller, vehicle=plan.vehicle, seed=1)
     write_bag(folder / plan.name, records, {**plan.metadata(), "outcome": "done"})
     path = folder / "report.html"
     command = [sys.executable, "-m", "gustproof", "identify", str(folder), "--like", "iris", "--report", str(path)]

@@ -13,14 +13,14 @@ PLAN = """
 from concurrent.futures import ThreadPoolExecutor
 from firmware_model.config.uncertainty import load_vehicle_set
 from gustproof.studies.league.course import load_course
-from gustproof.studies.league.entrants import parse_entrant
+from gustproof.studies.league.entries import parse_league_entry
 from gustproof.studies.league.study import LeaguePlan, fly_league
 
 class Pool(ThreadPoolExecutor):
     death_errors, max_pending = (), 2
 
 plan = LeaguePlan(
-    entrants=(parse_entrant("hinf-d1"), parse_entrant("pid-fair")),
+    entries=(parse_league_entry("hinf-d1"), parse_league_entry("pid-fair")),
     vehicles=(load_vehicle_set("paper"),),
     scenarios=tuple(load_course(["gust-50ms", "kick-all-axes"])),
     runs=2,

@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
-from gustproof.flight.controllers.entry import parse_controller
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.protocol_check.inspection import check_controller
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.routes import processes
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 
 CLIENTS = Path(str(files("gustproof.guide") / "clients"))
 RAW_CLIENT = Path(__file__).parent / "clients" / "programs" / "raw_client.py"
@@ -70,9 +70,9 @@ def test_client_of_the_guide_flies_and_is_found_sound(name, folder):
 
 
 def test_a_program_flies_for_a_search_as_it_does_for_fly(folder):
-    pilot, script = parse_controller(client_command("client.c", folder)), replace(SECOND, duration_s=0.2)
-    searched = fly_pilot(script, pilot, vehicle=load_vehicle("paper"))
-    flown = processes.fly(script, pilot, vehicle=load_vehicle("paper"), out=folder / "flown")
+    controller, script = parse_controller(client_command("client.c", folder)), replace(SECOND, duration_s=0.2)
+    searched = fly_controller(script, controller, vehicle=load_vehicle("paper"))
+    flown = processes.fly(script, controller, vehicle=load_vehicle("paper"), out=folder / "flown")
     assert (searched.outcome, searched.message) == (FlightOutcome.DONE, flown.message)
     assert searched.records.tobytes() == flown.records.tobytes()
 

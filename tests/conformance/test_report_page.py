@@ -39,7 +39,7 @@ def runs(tmp_path_factory):
     scenario = replace(load_scenario("paper-turbulence"), duration_s=DURATION)
     for name in LAWS:
         plan = FlightPlan(scenario, load_law(name), vehicle, 1, False)
-        records = fly_direct(scenario, plan.pilot, vehicle=vehicle, seed=1)
+        records = fly_direct(scenario, plan.controller, vehicle=vehicle, seed=1)
         write_bag(folder / name / plan.name, records, {**plan.metadata(), "outcome": "done"})
     return [folder / name for name in LAWS]
 

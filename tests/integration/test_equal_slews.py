@@ -92,7 +92,7 @@ def own_loops(kind: str, slew: float, Ms: float) -> Figures:
     return Figures(math.degrees(tuned.seen_rmse), tuned.slew, tuned.Ms)
 
 
-def at_price_of(kind: str, cutoff: float = GYRO_FILTER) -> tuple[Figures, Figures]:
+def at_the_limits_of(kind: str, cutoff: float = GYRO_FILTER) -> tuple[Figures, Figures]:
     """Return `flagship` inside an autopilot, and its own loops tuned at that slew and sensitivity peak."""
     ours = inside(kind, cutoff)
     theirs = own_loops(kind, ours.slew, PEAKS[kind, cutoff])
@@ -113,14 +113,14 @@ def test_the_readme_s_rows_are_derived_anew() -> None:
     rows = re.findall(r"(\d+) % less error derived \((\.\d+)° for (\.\d+)°\)", README)
     (slews,) = re.findall(r"at its slew, ([\d.]+) and ([\d.]+) N m/s", README)
     for kind, row, slew in zip(("px4", "ardupilot"), rows, slews, strict=True):
-        ours, theirs = at_price_of(kind)
+        ours, theirs = at_the_limits_of(kind)
         derived = 100.0 * (1.0 - ours.error / theirs.error), ours.error, theirs.error
         assert derived == pytest.approx([float(each) for each in row], rel=0.03)
         assert ours.slew == pytest.approx(float(slew), abs=0.06)
 
 
 def test_behind_px4_s_usual_filter_its_own_loops_are_as_good_at_the_same_price() -> None:
-    ours, theirs = at_price_of("px4", USUAL_FILTER)
+    ours, theirs = at_the_limits_of("px4", USUAL_FILTER)
     assert ours.Ms > 1.1 * inside("px4").Ms
     assert theirs.error < 1.05 * ours.error
 

@@ -50,15 +50,15 @@ def compare(
     script, airframe = load_script(scenario, vehicle, free=free), load_vehicle(vehicle)
     ours = find_law(law, airframe, script.control_rate_hz)
     sets = params or ["stock", "tuned"]
-    contestants: list[ExternalAutopilot | Law]
-    contestants = [ExternalAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
+    controllers: list[ExternalAutopilot | Law]
+    controllers = [ExternalAutopilot(kind=autopilot, build=build, parameters=each) for each in sets]
     if inside:
-        contestants.append(ExternalAutopilot(kind=autopilot, build=inside, law=ours.name))
+        controllers.append(ExternalAutopilot(kind=autopilot, build=inside, law=ours.name))
     check_external(script, autopilot)
     tell_rate(script, autopilot)
     title = f"{script.name}, {runs} seed{'s' if runs > 1 else ''}"
     with progress(title, quiet=as_json) as shown:
-        rows = fly_all(script, airframe, [*contestants, ours], range(1, runs + 1), shown)
+        rows = fly_all(script, airframe, [*controllers, ours], range(1, runs + 1), shown)
     if as_json:
         print_json([row.to_dict() for row in rows])
     else:

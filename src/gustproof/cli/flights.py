@@ -105,7 +105,7 @@ class Session:
         from gustproof.show.live.live import LivePage
 
         first = self._plans[0]
-        names = [_pilot_name(plan) for plan in self._plans]
+        names = [_controller_name(plan) for plan in self._plans]
         with LivePage(first.scenario, names, first.vehicle, real_time=first.real_time) as page:
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             import_module("gustproof.flight.routes.recorder")  # while the page's reader looks for Start
@@ -119,10 +119,10 @@ class Session:
                     self.fly(self._plans[chosen], folder, page)
 
 
-def _pilot_name(plan: "FlightPlan | ExternalPlan") -> str:
+def _controller_name(plan: "FlightPlan | ExternalPlan") -> str:
     from gustproof.flight.routes.flight import FlightPlan
 
-    return plan.pilot.name if isinstance(plan, FlightPlan) else plan.autopilot.name
+    return plan.controller.name if isinstance(plan, FlightPlan) else plan.autopilot.name
 
 
 def _render_report(bags: tuple[Path, ...]) -> str:
@@ -169,7 +169,7 @@ def _fly(
     if not quiet:
         _print_warnings(plan)
         _print_temporary_cache()
-    title = f"{plan.scenario.name}, {_pilot_name(plan)}"
+    title = f"{plan.scenario.name}, {_controller_name(plan)}"
     with progress(lambda: f"{title}{_note_compiling()}", quiet=quiet) as shown:
         writing = f"{title}: writing the bag"
         told = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
@@ -199,8 +199,8 @@ def _print_warnings(plan: "FlightPlan | ExternalPlan") -> None:
 
     if not isinstance(plan, FlightPlan):
         tell_rate(plan.scenario, plan.autopilot.kind)
-    elif isinstance(plan.pilot, Law):
-        for warning in warnings(plan.scenario, plan.pilot, plan.vehicle):
+    elif isinstance(plan.controller, Law):
+        for warning in warnings(plan.scenario, plan.controller, plan.vehicle):
             print(f"gustproof: warning: {warning}", file=sys.stderr)
 
 
@@ -268,19 +268,19 @@ def confirm_flown(
     ConfigError
         If the command line does not name it, or names another.
     """
-    from gustproof.flight.controllers.entry import ControllerKind, UserController, confirm_controller
+    from gustproof.flight.controllers.user_controller import ControllerKind, UserController, confirm_controller
     from gustproof.flight.routes.external import ExternalPlan, confirm_autopilot
 
     if isinstance(plan, ExternalPlan):
         if controller is not None:
             raise ConfigError(f"{where}: flown by '{plan.autopilot.name}', not by --controller")
         return plan._replace(autopilot=confirm_autopilot(plan.autopilot, autopilot, where))
-    if autopilot is not None or (controller is not None and not isinstance(plan.pilot, UserController)):
+    if autopilot is not None or (controller is not None and not isinstance(plan.controller, UserController)):
         option = "--controller" if autopilot is None else "--autopilot"
-        raise ConfigError(f"{where}: flown by '{plan.pilot.name}', not by {option}")
-    if not isinstance(plan.pilot, UserController):
+        raise ConfigError(f"{where}: flown by '{plan.controller.name}', not by {option}")
+    if not isinstance(plan.controller, UserController):
         return plan
-    pilot = confirm_controller(plan.pilot, controller, where)
-    told = f"its SHA-256 {pilot.digest[:16]}…" if pilot.kind is not ControllerKind.PROGRAM else "its command"
-    print(f"gustproof: controller '{pilot.name}' is the one that flew, by {told}", file=sys.stderr)
-    return plan._replace(pilot=pilot)
+    confirmed = confirm_controller(plan.controller, controller, where)
+    told = f"its SHA-256 {confirmed.digest[:16]}…" if confirmed.kind is not ControllerKind.PROGRAM else "its command"
+    print(f"gustproof: controller '{confirmed.name}' is the one that flew, by {told}", file=sys.stderr)
+    return plan._replace(controller=confirmed)

@@ -23,7 +23,7 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
-    from gustproof.flight.controllers.entry import Pilot
+    from gustproof.flight.controllers.user_controller import Controller
     from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
     from gustproof.flight.routes.flight import FlightPlan
 
@@ -90,8 +90,10 @@ def fly(
     if chosen:
         plans = [_make_external_plan(script, chosen, vehicle, seed, real_time=real_time)]
     else:
-        pilots = [_find_pilot(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws]
-        plans = _make_plans(script, pilots, seed, real_time=real_time)
+        controllers = [
+            _find_controller(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws
+        ]
+        plans = _make_plans(script, controllers, seed, real_time=real_time)
     Session(plans, tlog=not no_tlog, as_json=as_json).run(output, view=view)
 
 
@@ -103,11 +105,11 @@ def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
 
 
 def _make_plans(
-    script: "Scenario", pilots: "Sequence[tuple[Pilot, Vehicle]]", seed: int, *, real_time: bool
+    script: "Scenario", controllers: "Sequence[tuple[Controller, Vehicle]]", seed: int, *, real_time: bool
 ) -> "list[FlightPlan | ExternalPlan]":
     from gustproof.flight.routes.flight import FlightPlan
 
-    return [FlightPlan(script, pilot, vehicle, seed, real_time) for pilot, vehicle in pilots]
+    return [FlightPlan(script, controller, vehicle, seed, real_time) for controller, vehicle in controllers]
 
 
 def load_script(scenario: str, vehicle: str, *, free: bool) -> "Scenario":
@@ -130,18 +132,18 @@ def _make_external_plan(
     return ExternalPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
-def _find_pilot(
+def _find_controller(
     script: "Scenario", law: str | None, controller: str | None, vehicle: str, *, anyway: bool, quiet: bool
-) -> "tuple[Pilot, Vehicle]":
+) -> "tuple[Controller, Vehicle]":
     """Return law or controller, by default a law for the vehicle, and the vehicle; refuse what should not begin."""
     from firmware_model.config.uncertainty import load_vehicle_set
-    from gustproof.flight.controllers.entry import parse_controller
+    from gustproof.flight.controllers.user_controller import parse_controller
     from gustproof.flight.routes.flight import check
 
     if controller is not None and law is not None:
         raise ConfigError("--controller flies in place of a law; --law cannot be given with it")
     vehicles = load_vehicle_set(vehicle)
-    flown: Pilot = (
+    flown: Controller = (
         choose_law(law, vehicles, script, quiet=quiet) if controller is None else parse_controller(controller)
     )
     if not anyway:

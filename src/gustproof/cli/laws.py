@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
     from firmware_model.config.vehicle import Vehicle
-    from gustproof.flight.controllers.entry import Pilot
+    from gustproof.flight.controllers.user_controller import Controller
     from gustproof.law.form import Law
 
 PARAMETER_SUFFIXES = (".params", ".param", ".parm")
@@ -34,7 +34,7 @@ def is_entry(source: str) -> bool:
     return ":" in source or source.endswith((".so", ".dylib", ".dll"))
 
 
-def find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
+def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
     """Return a law, or a user's own controller, which runs code: call it with words of the command line alone.
 
     Raises
@@ -42,7 +42,7 @@ def find_pilot(source: str, vehicle: "Vehicle") -> "Pilot":
     ConfigError
         If there is no such law or controller.
     """
-    from gustproof.flight.controllers.entry import parse_controller
+    from gustproof.flight.controllers.user_controller import parse_controller
 
     return parse_controller(source) if is_entry(source) else find_law(source, vehicle, None)
 
@@ -154,8 +154,8 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
         print(f"gustproof: no --law: tuning one for '{printable(name)}'", file=sys.stderr, flush=True)
     with progress(f"tuning {DEFAULT_LAW} for {name}", quiet=quiet) as shown:
         tuning = tune_law(DEFAULT_LAW, vehicles, air, progress=shown)
-    price = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"
-    print(f"gustproof: {DEFAULT_LAW} tuned for '{printable(name)}': {price}", file=sys.stderr)
+    point = f"Ms {tuning.Ms:.3g}, slew {tuning.slew:.3g} N m/s"
+    print(f"gustproof: {DEFAULT_LAW} tuned for '{printable(name)}': {point}", file=sys.stderr)
     return tuning.law
 
 

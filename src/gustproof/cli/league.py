@@ -52,13 +52,13 @@ def league(
     from gustproof.show.report.terminal import show
     from gustproof.studies.campaign.executors import count_cores, process_pool
     from gustproof.studies.league.course import COURSE, FLEET, load_course
-    from gustproof.studies.league.entrants import ALL, parse_entrants
+    from gustproof.studies.league.entries import ALL, parse_league_entries
     from gustproof.studies.league.study import LeaguePlan, fly_league
 
     check_output(output, ".html", "a page")
     folder = output.with_suffix(".work")
     plan = LeaguePlan(
-        entrants=parse_entrants(entry or [ALL]),
+        entries=parse_league_entries(entry or [ALL]),
         vehicles=tuple(map(load_vehicle_set, vehicle or FLEET)),
         scenarios=tuple(load_course(scenario or COURSE)),
         runs=runs,
@@ -68,7 +68,7 @@ def league(
     try:
         with (
             process_pool(workers or count_cores()) as pool,
-            progress(f"{len(plan.entrants)} entries{begun}", quiet=as_json) as shown,
+            progress(f"{len(plan.entries)} entries{begun}", quiet=as_json) as shown,
         ):
             found = fly_league(plan, folder, pool, progress=shown)
     except KeyboardInterrupt:

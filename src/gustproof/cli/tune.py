@@ -187,9 +187,9 @@ def _tune_autopilot(
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.tuning_steps import plan_steps
 
-    price, given = wanted_slew(vehicles.nominal, script, slew, ms), {} if flown is None else flown.provenance.parameters
+    limit, given = wanted_slew(vehicles.nominal, script, slew, ms), {} if flown is None else flown.provenance.parameters
     with progress(f"tuning {kind}", quiet=as_json) as shown:
-        tuning = tune_gains(kind, vehicles, script, slew=price, sensitivity_peak=ms, flown=given, progress=shown)
+        tuning = tune_gains(kind, vehicles, script, slew=limit, sensitivity_peak=ms, flown=given, progress=shown)
         steps = [] if flown is None else plan_steps(tuning, flown, vehicles, script)
     written = steps[1].tuning if steps else tuning
     if output is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import FLOWN_HELP, find_pilot, is_entry
+from gustproof.cli.laws import FLOWN_HELP, find_controller, is_entry
 from gustproof.cli.options import (
     AsJson,
     Force,
@@ -27,7 +27,7 @@ from gustproof.cli.options import (
 
 if TYPE_CHECKING:
     from firmware_model.config.vehicle import Vehicle
-    from gustproof.flight.controllers.entry import Pilot
+    from gustproof.flight.controllers.user_controller import Controller
     from gustproof.studies.worst_case.moment_search import WorstCase
     from gustproof.studies.worst_case.shrink import SmallestCase
 
@@ -89,7 +89,7 @@ def worst_case(
     for path in _files(output, smallest=shrink or limit is not None):
         check_output(path, ".toml", "a scenario file")
     airframe = load_vehicle(vehicle)
-    flown = find_pilot(law, airframe)
+    flown = find_controller(law, airframe)
     title = f"searching, {flown.name}"
     try:
         with progress(title, quiet=as_json) as shown:
@@ -135,7 +135,7 @@ def _print_how_to_fly(written: list[list[Path]], option: str, vehicle: str, seed
         print(f"fly it: gustproof fly {script} {option}{other} --seed {seed}")
 
 
-def _find_warnings(found: "WorstCase", flown: "Pilot", airframe: "Vehicle") -> list[str]:
+def _find_warnings(found: "WorstCase", flown: "Controller", airframe: "Vehicle") -> list[str]:
     from gustproof.flight.routes.flight import warnings
     from gustproof.law.form import Law
 
@@ -167,7 +167,7 @@ def _save(
 
 def _shrink(
     found: "WorstCase",
-    flown: "Pilot",
+    flown: "Controller",
     airframe: "Vehicle",
     budget: tuple[float, float, float],
     limit: float | None,

@@ -1,6 +1,6 @@
-"""Gains of PX4's and ArduPilot's own loops with the least attitude error in turbulence, at a given price.
+"""Gains of PX4's and ArduPilot's own loops with the least attitude error in turbulence, at given Ms and slew.
 
-Sequential quadratic programming (SLSQP) on the logarithms of gains and filters' corners. The price is a sensitivity
+Sequential quadratic programming (SLSQP) on the logarithms of gains and filters' corners. The limits are a sensitivity
 peak of each axis, another at the corners of the vehicle's spreads, and a torque slew pooled over the axes. Filters of
 the gyro are common to the axes. A parameter that the autopilot keeps as a whole number is rounded, and the others are
 searched again beside it.

@@ -66,7 +66,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tuning:
-    """A tuned law with its price and the least error at that price."""
+    """A tuned law with its Ms, its slew and the least error at both."""
 
     kind: str
     """Structure, a `LawKind` or a baseline."""
@@ -184,12 +184,12 @@ def wanted_slew(vehicle: Vehicle, scenario: Scenario, slew: float | None, sensit
     """
     if not any(isinstance(item, Dryden) for item in scenario.wind):
         raise DesignError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden', to tune for")
-    price = default_slew(vehicle, scenario) if slew is None else slew
-    if not (math.isfinite(price) and price > 0.0):
-        raise DesignError(f"slew {price} N m/s: must be above 0 (in calm air give one)")
+    wanted = default_slew(vehicle, scenario) if slew is None else slew
+    if not (math.isfinite(wanted) and wanted > 0.0):
+        raise DesignError(f"slew {wanted} N m/s: must be above 0 (in calm air give one)")
     if not 1.0 < sensitivity_peak < 10.0:
         raise DesignError(f"sensitivity peak {sensitivity_peak}: must be between 1 and 10")
-    return price
+    return wanted
 
 
 def tune_law(
@@ -246,13 +246,14 @@ def make_task(
     DesignError
         See `wanted_slew`.
     """
-    price = wanted_slew(vehicles.nominal, scenario, slew, sensitivity_peak)
     return TuningTask(
         kind=kind,
         vehicle=vehicles.nominal,
         corners=file_corners(vehicles),
         scenario=with_measured_delay(scenario, vehicles.nominal),
-        limits=TuningLimits(sensitivity_peak=sensitivity_peak, slew=price),
+        limits=TuningLimits(
+            sensitivity_peak=sensitivity_peak, slew=wanted_slew(vehicles.nominal, scenario, slew, sensitivity_peak)
+        ),
         progress=progress,
     )
 
@@ -279,13 +280,13 @@ def file_corners(vehicles: VehicleSet) -> list[Vehicle]:
 def least_errors(vehicle: Vehicle, scenario: Scenario, tuning: Tuning) -> tuple[list[TradeOff], list[TradeOff]]:
     """Return the least errors of linear laws around those of a tuning: over the slew, and over the sensitivity peak."""
     linear = linear_laws(axis_models(vehicle, scenario), around=tuning.slew)
-    prices = [(tuning.Ms, factor * tuning.slew) for factor in _SLEWS]
-    return _points(linear, prices), _points(linear, [(peak, tuning.slew) for peak in _PEAKS])
+    points = [(tuning.Ms, factor * tuning.slew) for factor in _SLEWS]
+    return _points(linear, points), _points(linear, [(peak, tuning.slew) for peak in _PEAKS])
 
 
-def _points(linear: LinearLaws, prices: Sequence[tuple[float, float]]) -> list[TradeOff]:
+def _points(linear: LinearLaws, points: Sequence[tuple[float, float]]) -> list[TradeOff]:
     found = []
-    for peak, slew in prices:
+    for peak, slew in points:
         with suppress(DesignError):  # too small a peak or slew
             found.append(linear.minimize_error(peak, slew))
     return found
@@ -359,7 +360,7 @@ _MAKERS: dict[LawKind, Maker] = {
 def find_law(task: TuningTask, make: Maker, *, is_quick: bool) -> tuple[Law, TuningLimits]:
     """Return the law with the least peak off nominal that is found, of those tried, and its limits.
 
-    `make` searches a law of the task within limits. If it `is_quick`, a refusal names a price that could be met.
+    `make` searches a law of the task within limits. If it `is_quick`, a refusal names limits that could be met.
 
     Raises
     ------
@@ -395,11 +396,11 @@ def _tune_off_nominal(task: TuningTask, make: Maker) -> tuple[Law, TuningLimits]
 
 def _make(task: TuningTask, make: Maker, limits: TuningLimits) -> Law:
     law = make(task, limits)
-    check_price(task, law, limits)
+    check_limits(task, law, limits)
     return law
 
 
-def check_price(task: TuningTask, law: Law, limits: TuningLimits) -> None:
+def check_limits(task: TuningTask, law: Law, limits: TuningLimits) -> None:
     """Refuse a law that exceeds the limits of sensitivity or slew.
 
     Raises
@@ -446,7 +447,7 @@ def _what_could_be_met(task: TuningTask, make: Maker) -> str:
 def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law, TuningLimits]:
     """Return the flagship with more margins of delay and gain, as long as they cost no more than they may.
 
-    They are those of the best PID at the same price, or part of the way there.
+    They are those of the best PID at the same Ms and slew, or part of the way there.
     """
     vehicle, scenario = task.vehicle, task.scenario
     task.progress(0.3, "margins of a PID")
@@ -464,7 +465,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:
             robust = flagship_law(vehicle, scenario, name=task.name, limits=wanted, corners=task.corners, pid=gains)
-            check_price(task, robust, wanted)
+            check_limits(task, robust, wanted)
         except DesignError:
             continue
         predicted = predict(robust, vehicle, scenario)
@@ -474,7 +475,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
 
 
 def judge_tuned(task: TuningTask, law: Law, limits: TuningLimits) -> Tuning:
-    """Return a torque law that a search has found, with its price and the least error there."""
+    """Return a torque law that a search has found, with its Ms, its slew and the least error there."""
     task.progress(0.95, "figures")
     found, predicted = worst_margins(law, task.vehicle, task.scenario), predict(law, task.vehicle, task.scenario)
     assert predicted is not None  # a torque law

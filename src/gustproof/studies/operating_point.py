@@ -1,11 +1,11 @@
-"""Price of any pilot: margins and torque slew, from flights alone.
+"""Operating point of any controller: margins and torque slew, from flights alone.
 
 A moment of many sines turns the vehicle about one axis at a time, in calm air. Records of these flights hold rates,
 actuator torques and commands. They give the vehicle's response `P` from command to rate by least squares, and the
 pilot's response `K` from rate to command at each sine. The loop transfer at the plant's input is `-K P`.
 
-Nothing of the pilot is known but its commands, so laws, Python objects and C libraries are judged alike. The stated
-margins are those of small motions about hover; `Price.distortion` tells how far a pilot is from linear there.
+Nothing of the controller is known but its commands, so laws, Python objects and C libraries are judged alike. The
+stated margins are those of small motions about hover; `MeasuredPoint.distortion` tells how far from linear it is there.
 
 References
 ----------
@@ -25,9 +25,9 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import MomentSine
 from gustproof.errors import DesignError
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.flight.scoring.metrics import measure
 from gustproof.robust.lti.margins import LoopMargins, response_margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
@@ -53,11 +53,11 @@ _UNSTEADY = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Price:
-    """Robustness of a pilot on a vehicle, and the torque slew that it takes in turbulence."""
+class MeasuredPoint:
+    """Robustness of a controller on a vehicle, and the torque slew that it takes in turbulence."""
 
-    pilot: str
-    """Name of the pilot."""
+    controller: str
+    """Name of the controller."""
     vehicle: str
     """Name of the vehicle."""
     scenario: str
@@ -67,7 +67,7 @@ class Price:
     slew: float | None
     """[N*m/s] rms torque slew in the scenario, all axes and flights together; `None` if it was not flown."""
     distortion: float
-    """[-] distance of the pilot from a linear one: the larger of two shares of the worst axis.
+    """[-] distance of the controller from a linear one: the larger of two shares of the worst axis.
 
     One is the relative change of the sensitivity at half the amplitude, rms over the sines. The other is the share of
     the commands' rms at frequencies that no sine has."""
@@ -88,9 +88,9 @@ class Price:
         return min(axis.delay_margin for axis in self.axes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the price as JSON values; `None` is infinite."""
+        """Return the operating point as JSON values; `None` is infinite."""
         return {
-            "pilot": self.pilot,
+            "pilot": self.controller,
             "vehicle": self.vehicle,
             "scenario": self.scenario,
             "Ms": self.Ms,
@@ -112,17 +112,22 @@ class Price:
         }
 
 
-def measure_price(
-    pilot: Pilot, vehicle: Vehicle, scenario: Scenario, *, amplitude: float = RATE, seeds: Sequence[int] = _SEEDS
-) -> Price:
-    """Return the price of a pilot from its flights: six in calm air, and those in the scenario itself.
+def measure_operating_point(
+    controller: Controller,
+    vehicle: Vehicle,
+    scenario: Scenario,
+    *,
+    amplitude: float = RATE,
+    seeds: Sequence[int] = _SEEDS,
+) -> MeasuredPoint:
+    """Return the operating point of a controller from its flights: six in calm air, and those in the scenario itself.
 
     The experiment holds the vehicle on the test stand, without noise and sensor bias, at the rates and the delay of
     `scenario`. The slew is that of the scenario as it is, flown with `seeds`; without any there is none.
 
     Parameters
     ----------
-    pilot
+    controller
         Law or entry.
     vehicle
         Vehicle.
@@ -141,19 +146,20 @@ def measure_price(
     Examples
     --------
     >>> from gustproof import load_law, load_scenario, load_vehicle
-    >>> from gustproof.studies.operating_point import measure_price
-    >>> found = measure_price(load_law("pid-fair"), load_vehicle("paper"), load_scenario("paper-turbulence"), seeds=())
+    >>> from gustproof.studies.operating_point import measure_operating_point
+    >>> vehicle, scenario = load_vehicle("paper"), load_scenario("paper-turbulence")
+    >>> found = measure_operating_point(load_law("pid-fair"), vehicle, scenario, seeds=())
     >>> f"Ms {found.Ms:.2f}, delay margin {1e3 * found.delay_margin:.0f} ms"
     'Ms 1.36, delay margin 38 ms'
     """
-    found, quiet = (_respond(pilot, vehicle, scenario, size) for size in (amplitude, _QUIETER * amplitude))
+    found, quiet = (_respond(controller, vehicle, scenario, size) for size in (amplitude, _QUIETER * amplitude))
     changes = np.abs((1.0 + found.loops) / (1.0 + quiet.loops) - 1.0)
-    return Price(
-        pilot=pilot.name,
+    return MeasuredPoint(
+        controller=controller.name,
         vehicle=vehicle.name,
         scenario=scenario.name,
         axes=tuple(_margins(found.omega, loop) for loop in found.loops),
-        slew=_fly_slew(pilot, vehicle, scenario, seeds) if seeds else None,
+        slew=_fly_slew(controller, vehicle, scenario, seeds) if seeds else None,
         distortion=max(found.stray, float(np.sqrt(np.mean(changes**2, axis=1)).max())),
     )
 
@@ -170,12 +176,12 @@ class _Response:
     """[-] largest share of an axis' command, rms, that is at no sine's frequency."""
 
 
-def _respond(pilot: Pilot, vehicle: Vehicle, scenario: Scenario, amplitude: float) -> _Response:
+def _respond(controller: Controller, vehicle: Vehicle, scenario: Scenario, amplitude: float) -> _Response:
     lines = _choose_lines(scenario)
     omega = 2.0 * math.pi / PERIOD_S * lines
     calm = _calm_scenario(vehicle, scenario)
     flights = [
-        _fly(replace(calm, moment=_moments(vehicle, axis, omega, amplitude)), pilot, vehicle) for axis in range(3)
+        _fly(replace(calm, moment=_moments(vehicle, axis, omega, amplitude)), controller, vehicle) for axis in range(3)
     ]
     samples = round(PERIOD_S * scenario.control_rate_hz)
     rates, commands = (
@@ -227,15 +233,17 @@ def _moments(vehicle: Vehicle, axis: int, omega: Matrix, amplitude: float) -> tu
     return tuple(sines)
 
 
-def _fly(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> Records:
-    flight = fly_pilot(scenario, pilot, vehicle=vehicle)
+def _fly(scenario: Scenario, controller: Controller, vehicle: Vehicle) -> Records:
+    flight = fly_controller(scenario, controller, vehicle=vehicle)
     if flight.outcome is not FlightOutcome.DONE:
-        raise DesignError(f"'{pilot.name}' has no price on '{vehicle.name}': {flight.message}")
+        raise DesignError(f"'{controller.name}' has no operating point on '{vehicle.name}': {flight.message}")
     samples = round(PERIOD_S * scenario.control_rate_hz)
     now, before = (flight.records["omega_B"][begin:][:samples] for begin in (-samples, -2 * samples))
     half = samples // 2
     if not np.linalg.norm((now - before)[half:]) <= _UNSTEADY * np.linalg.norm(now):
-        raise DesignError(f"'{pilot.name}' has no price on '{vehicle.name}': in calm air the loop does not settle")
+        raise DesignError(
+            f"'{controller.name}' has no operating point on '{vehicle.name}': in calm air the loop does not settle"
+        )
     return flight.records
 
 
@@ -286,12 +294,12 @@ def _margins(omega: Matrix, loop: ComplexMatrix) -> LoopMargins:
     )
 
 
-def _fly_slew(pilot: Pilot, vehicle: Vehicle, scenario: Scenario, seeds: Sequence[int]) -> float:
+def _fly_slew(controller: Controller, vehicle: Vehicle, scenario: Scenario, seeds: Sequence[int]) -> float:
     squares = []
     for seed in seeds:
-        flight = fly_pilot(scenario, pilot, vehicle=vehicle, seed=seed)
+        flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
         if flight.outcome is not FlightOutcome.DONE:
-            raise DesignError(f"'{pilot.name}' has no price on '{vehicle.name}': {flight.message}")
+            raise DesignError(f"'{controller.name}' has no operating point on '{vehicle.name}': {flight.message}")
         squares.append(measure(flight.records, vehicle, scenario, 0.0).torque_slew_rms ** 2)
     return math.sqrt(float(np.mean(squares)))
 

@@ -250,7 +250,7 @@ def test_a_level_can_be_asked_for_either_way():
 
 def test_the_flagship_flies_unless_another_law_is_asked_for(tmp_path, monkeypatch):
     def fly(plan, out, **_):
-        raise FlightError(f"{plan.pilot.name} was asked to fly {plan.scenario.name}")
+        raise FlightError(f"{plan.controller.name} was asked to fly {plan.scenario.name}")
 
     monkeypatch.setattr("gustproof.flight.routes.recorder.fly_plan", fly)
     result = run("fly", "calm", "--output", str(tmp_path / "out"))

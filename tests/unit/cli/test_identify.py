@@ -35,7 +35,7 @@ def one_line(result):
 def record(folder, name):
     """Fly a shipped scenario with the Iris, write its bag, and return it with its records."""
     plan = FlightPlan(load_scenario(name), load_law(LAW), IRIS, 1, False)
-    records = fly_direct(plan.scenario, plan.pilot, vehicle=IRIS, seed=1)
+    records = fly_direct(plan.scenario, plan.controller, vehicle=IRIS, seed=1)
     write_bag(folder / name / plan.name, records, {**plan.metadata(), "outcome": "done"})
     return folder / name, records
 

@@ -90,7 +90,7 @@ def test_what_could_be_met_is_found_by_steps_and_halvings(monkeypatch):
         if limits.slew < 0.07:
             raise DesignError("no law")
 
-    for check in ("_refuse_the_impossible", "check_price"):
+    for check in ("_refuse_the_impossible", "check_limits"):
         monkeypatch.setattr(tune, check, lambda *_: None)
     monkeypatch.setitem(tune._MAKERS, tune.LawKind.PID, make)
     with pytest.raises(DesignError, match=r"no law; with this peak a slew of 0\.0707 N m/s can be met"):
@@ -102,9 +102,9 @@ def test_a_law_beyond_its_price_is_refused_with_what_it_has():
         "pid", load_vehicle_set("paper"), AIR, slew=19.9, sensitivity_peak=1.4, progress=lambda _share, _text: None
     )
     law = load_law("pid-fair")
-    tune.check_price(task, law, task.limits)
+    tune.check_limits(task, law, task.limits)
     with pytest.raises(DesignError, match=r"no pid found at .*peak 1\.1 and slew 19\.9 N m/s: the best had 1\.3"):
-        tune.check_price(task, law, replace(task.limits, sensitivity_peak=1.1))
+        tune.check_limits(task, law, replace(task.limits, sensitivity_peak=1.1))
 
 
 @pytest.mark.slow

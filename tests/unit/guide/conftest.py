@@ -4,28 +4,28 @@ from typing import Any
 import pytest
 
 from gustproof.flight.routes import recorder
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.flight.routes.processes import fly_plan
 from gustproof.law.form import Law
 
 
 def _fly_here(plan: FlightPlan, out: Path, **_: Any) -> Flight:
     """Fly in this process what two processes fly to the same bits; a script of link events needs both."""
-    scenario, pilot, vehicle, seed = plan[:4]
+    scenario, controller, vehicle, seed = plan[:4]
     if scenario.has_link_script:
         return fly_plan(plan, out)
-    if isinstance(pilot, Law):
-        records, outcome = fly_direct(scenario, pilot, vehicle=vehicle, seed=seed), FlightOutcome.DONE
+    if isinstance(controller, Law):
+        records, outcome = fly_direct(scenario, controller, vehicle=vehicle, seed=seed), FlightOutcome.DONE
     else:
-        flown = fly_pilot(scenario, pilot, vehicle=vehicle, seed=seed)
+        flown = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
         records, outcome = flown.records, flown.outcome
     journal = out / f"{plan.name}.journal"
     journal.touch()
     return Flight(
-        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message="flown", realtime_factor=1.0, journal=journal,
     )  # fmt: skip
 

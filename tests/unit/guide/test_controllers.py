@@ -10,9 +10,9 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.flight.controllers.entry import parse_controller
+from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 
 GUIDE = (files("gustproof.guide") / "controllers.md").read_text(encoding="utf-8")
 AIR = replace(load_scenario("paper-turbulence"), duration_s=0.6)
@@ -24,7 +24,7 @@ def code(language: str) -> str:
 
 
 def flown(source: str) -> None:
-    flight = fly_pilot(AIR, parse_controller(source), vehicle=load_vehicle("paper"))
+    flight = fly_controller(AIR, parse_controller(source), vehicle=load_vehicle("paper"))
     assert flight.outcome is FlightOutcome.DONE
     assert abs(flight.records["omega_B"]).max() < 0.2  # [rad/s]
 

@@ -43,8 +43,8 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.flight.controllers.entry import UserController
-    from gustproof.studies.campaign.plan import Campaign, Contestant
+    from gustproof.flight.controllers.user_controller import UserController
+    from gustproof.studies.campaign.plan import AnyController, Campaign
     from gustproof.studies.campaign.statistics import CampaignStatistics
 
 _FIGURES = (".csv", ".tex")
@@ -95,10 +95,10 @@ def fly(
     _check_outputs(output, figures or [])
     vehicles = load_vehicle_set(vehicle)
     script = on_vehicle(load_scenario(scenario), vehicles.nominal)
-    contestants = _find_contestants(law or (), controller or (), autopilot, build, params, vehicles, script)
-    if not contestants:
-        contestants = _default_contestants(output if output.exists() else None, vehicles, script, quiet=as_json)
-    plan = make_plan(script, contestants, vehicles, Draws(runs, spread, sampling, seed), anyway=anyway)
+    controllers = _find_controllers(law or (), controller or (), autopilot, build, params, vehicles, script)
+    if not controllers:
+        controllers = _default_controllers(output if output.exists() else None, vehicles, script, quiet=as_json)
+    plan = make_plan(script, controllers, vehicles, Draws(runs, spread, sampling, seed), anyway=anyway)
     _fly(plan, output, workers, quiet=as_json)
     with working(f"statistics of {output}", quiet=as_json):
         found = compute_statistics(output)
@@ -110,7 +110,7 @@ def fly(
     print_next("report", output, "-o", output.with_suffix(".html"))
 
 
-def _find_contestants(
+def _find_controllers(
     laws: Sequence[str],
     controllers: Sequence[str],
     autopilot: str | None,
@@ -118,10 +118,10 @@ def _find_contestants(
     params: str,
     vehicles: "VehicleSet",
     script: "Scenario",
-) -> "tuple[Contestant, ...]":
+) -> "tuple[AnyController, ...]":
     from gustproof.flight.routes.external import ExternalAutopilot, check_external
 
-    found: tuple[Contestant, ...] = (
+    found: tuple[AnyController, ...] = (
         *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),
         *_find_entries(controllers),
     )
@@ -133,9 +133,9 @@ def _find_contestants(
     return (*found, flown)
 
 
-def _default_contestants(
+def _default_controllers(
     table: Path | None, vehicles: "VehicleSet", script: "Scenario", *, quiet: bool
-) -> "tuple[Contestant, ...]":
+) -> "tuple[AnyController, ...]":
     """Return the laws of a table that grows, else the default law."""
     from gustproof.studies.campaign.reader import read_campaign
 
@@ -159,7 +159,7 @@ def _save_figures(found: "CampaignStatistics", figures: Iterable[Path]) -> None:
 
 def _find_entries(sources: Iterable[str]) -> "list[UserController]":
     """Return controllers that can fly in the processes of a campaign."""
-    from gustproof.flight.controllers.entry import ControllerKind, parse_controller
+    from gustproof.flight.controllers.user_controller import ControllerKind, parse_controller
 
     entries = list(map(parse_controller, sources))
     for entry in entries:

@@ -14,7 +14,7 @@ from gustproof.cli.options import complete
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.studies.campaign.plan import Campaign, Contestant, DispersionKind
+    from gustproof.studies.campaign.plan import AnyController, Campaign, DispersionKind
 
 Choice = TypeVar("Choice", bound=Enum)
 ScenarioName = Annotated[
@@ -57,7 +57,7 @@ class Draws(NamedTuple):
 
 
 def make_plan(
-    script: "Scenario", laws: "tuple[Contestant, ...]", vehicles: "VehicleSet", draws: Draws, *, anyway: bool
+    script: "Scenario", laws: "tuple[AnyController, ...]", vehicles: "VehicleSet", draws: Draws, *, anyway: bool
 ) -> "Campaign":
     """Return the campaign that a command line asks for.
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from gustproof.cli.failures import ExitStatus, exit_with, say
-from gustproof.cli.laws import find_pilot
+from gustproof.cli.laws import find_controller
 from gustproof.cli.options import AsJson, VehicleName, print_json, progress
 
 
@@ -35,16 +35,16 @@ def check(
     from gustproof.flight.protocol_check import inspection
 
     flown = load_vehicle(vehicle)
-    pilot = find_pilot(controller, flown)
+    found = find_controller(controller, flown)
     with progress("check", quiet=as_json) as shown:
-        findings = inspection.check_controller(pilot, vehicle=flown, progress=shown)
+        findings = inspection.check_controller(found, vehicle=flown, progress=shown)
     if as_json:
-        print_json({"controller": pilot.name, "findings": [finding.to_dict() for finding in findings]})
+        print_json({"controller": found.name, "findings": [finding.to_dict() for finding in findings]})
     for finding in () if as_json else findings:
         say(f"{finding.name}: {finding.seen} ({finding.spell})")
         say(f"    the protocol asks: {finding.asked}")
     if findings:
         names = ", ".join(finding.name for finding in findings)
-        raise exit_with(f"'{pilot.name}': {names}", ExitStatus.REQUIREMENT_FAILED)
+        raise exit_with(f"'{found.name}': {names}", ExitStatus.REQUIREMENT_FAILED)
     if not as_json:
-        say(f"'{pilot.name}' keeps to the protocol")
+        say(f"'{found.name}' keeps to the protocol")

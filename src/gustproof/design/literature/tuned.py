@@ -16,7 +16,7 @@ from gustproof.design.tune import (
     SENSITIVITY_PEAK,
     Progress,
     Tuning,
-    check_price,
+    check_limits,
     find_law,
     judge_tuned,
     make_task,
@@ -62,5 +62,5 @@ def tune_baseline(
         sensitivity_peak=sensitivity_peak,
         in_simulation=False,
     ).law
-    check_price(task, law, task.limits)
+    check_limits(task, law, task.limits)
     return judge_tuned(task, law, task.limits)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 from firmware_model.numerics.compiled import INLINED
-from gustproof.flight.controllers.entry import UserController
+from gustproof.flight.controllers.user_controller import UserController
 from gustproof.law.form import GYRO_REFERENCE_SIZE, Output
 from gustproof.law.step import MEASURED_SIZE
 from gustproof.types import Array

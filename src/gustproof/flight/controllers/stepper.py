@@ -21,8 +21,8 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
-from gustproof.flight.controllers.entry import ControllerKind, UserController
 from gustproof.flight.controllers.time_limit import TimeLimitExceeded, time_limit
+from gustproof.flight.controllers.user_controller import ControllerKind, UserController
 from gustproof.law.form import Output
 from gustproof.types import Array
 

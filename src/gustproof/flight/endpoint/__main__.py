@@ -24,8 +24,8 @@ from firmware_model.process import access, realtime
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.interrupts import call_on_interrupt
 from firmware_model.process.words import read_words
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import CheckedStepper, make_stepper
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.endpoint import DEFAULT_LAW, connection
 from gustproof.flight.endpoint.core import Flown
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint, ControllerOutcome

@@ -34,8 +34,8 @@ def sample_time(law: Flown) -> float:
     return law.dt
 
 
-class EntryStepper:
-    """An entry in flight, for a `Controller`: `gustproof.law.step.LawStepper` tells what the methods do."""
+class UserStepper:
+    """An entry in flight, for a `ControllerCore`: `gustproof.law.step.LawStepper` tells what the methods do."""
 
     def __init__(self, entry: CheckedStepper, dt: float, scale: Vector) -> None:
         self._entry, self._dt, self._scale = entry, dt, scale
@@ -65,7 +65,7 @@ class EntryStepper:
         return x, y, z
 
 
-class Controller:
+class ControllerCore:
     """A law or an entry in flight, from its initial state with all states 0.
 
     A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
@@ -86,8 +86,8 @@ class Controller:
 
     def __init__(self, law: Flown, scale: Vector, thrust: float, references: References = ()) -> None:
         self.thrust = thrust
-        self._law: LawStepper | EntryStepper
-        self._law = LawStepper(law, scale) if isinstance(law, Law) else EntryStepper(law, sample_time(law), scale)
+        self._law: LawStepper | UserStepper
+        self._law = LawStepper(law, scale) if isinstance(law, Law) else UserStepper(law, sample_time(law), scale)
         self.torque = law.output is Output.TORQUE
         self.interpolating = False
         self.last_sample_us = -1

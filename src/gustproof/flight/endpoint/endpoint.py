@@ -41,7 +41,7 @@ from firmware_model.mavlink.services.geodesy import earth_rate
 from firmware_model.mavlink.signing import Signing
 from firmware_model.types import ImuSample, Vector
 from gustproof.flight.controllers.stepper import StepError, StepFault
-from gustproof.flight.endpoint.core import Controller, Flown, References, sample_time
+from gustproof.flight.endpoint.core import ControllerCore, Flown, References, sample_time
 from gustproof.flight.endpoint.families import (
     FAMILIES,
     THRUST_OPTION,
@@ -151,7 +151,7 @@ class ControllerEndpoint:
         self._packer = self.channel.packer
         self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
-        self._controller: Controller | None = None
+        self._controller: ControllerCore | None = None
         self._fast_path_ready = False
         self._piloted = self._time_runs = self._law_reset = self._missing_streams = False
         self._armed, self._mode = False, 0
@@ -271,7 +271,7 @@ class ControllerEndpoint:
         controller = self._controller
         return None if controller is None or self.phase is _READING else self._answer(controller, sample, now_us)
 
-    def _answer(self, controller: Controller, sample: ImuSample, now_us: int) -> RejectReason | None:
+    def _answer(self, controller: ControllerCore, sample: ImuSample, now_us: int) -> RejectReason | None:
         """Step the law with a sample, and queue its command."""
         newer = sample.time_us > controller.last_sample_us
         reset = self._law_reset or (self._time_runs and controller.last_sample_us < 0)
@@ -342,7 +342,7 @@ class ControllerEndpoint:
         self._answers.append((time_us, controller.fractions))
         return True
 
-    def _pack_command(self, controller: Controller, time_us: int, fractions: Vector) -> bytes:
+    def _pack_command(self, controller: ControllerCore, time_us: int, fractions: Vector) -> bytes:
         """Return the command for a sample as a datagram."""
         if controller.torque:
             return self.channel.make(self._commands, time_us, *fractions, math.nan)
@@ -363,7 +363,7 @@ class ControllerEndpoint:
         hints = "".join(f"; {hint}" for name, hint in _WAYS_OUT.items() if name in names)
         return ControllerOutcome.NOT_STARTED, f"the autopilot does not send {', '.join(names)}{hints}"
 
-    def _take_over(self, controller: Controller, time_us: int) -> None:
+    def _take_over(self, controller: ControllerCore, time_us: int) -> None:
         """Arm a vehicle that waits, take over one that flies; stand by on the ground, in take-off or landing.
 
         A vehicle already in the mode that takes set-points has just lost its controller: no request is needed.
@@ -537,7 +537,7 @@ class ControllerEndpoint:
         hover = known[self._family.parameters[0]]
         thrust = hover if takes_thrust(known) else _CLIMB_RATE_ZERO
         roll, pitch, yaw = (known.get(name, 1.0) for name in TORQUE_LIMIT_NAMES)
-        self._controller = Controller(self._law, (roll, pitch, yaw), thrust, self._references)
+        self._controller = ControllerCore(self._law, (roll, pitch, yaw), thrust, self._references)
         if self._hold_height and takes_thrust(known):
             self._height = HeightLoop(hover)
         system = self._packer.srcSystem

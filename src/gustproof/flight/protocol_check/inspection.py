@@ -15,7 +15,7 @@ from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import LevelFlight
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.protocol_check.findings import DURATION_S, KICK_RATE, KICK_S, Finding, Trial, judge
 from gustproof.flight.protocol_check.witness import Witness
 from gustproof.flight.routes.flight import FlightPlan
@@ -30,7 +30,7 @@ STARTUP_S = 30.0
 
 
 def check_controller(
-    pilot: Pilot,
+    controller: Controller,
     *,
     vehicle: Vehicle,
     patience_s: float = PATIENCE_S,
@@ -48,13 +48,13 @@ def check_controller(
     ConfigError
         If the controller can't be started.
     """
-    script = _script(vehicle, pilot)
+    script = _script(vehicle, controller)
     # Load or compile the machine code before a controller waits for it.
     VehicleLoop(vehicle, script, 1).advance(LevelFlight(), Mode.STABILIZED.value)
     found: list[Finding] = []
     for number, name in enumerate(("lockstep", "real time")):
         progress(number / 2, name)
-        trial = _fly_trial(name, script, pilot, vehicle, patience_s=patience_s, startup_s=startup_s)
+        trial = _fly_trial(name, script, controller, vehicle, patience_s=patience_s, startup_s=startup_s)
         known = {finding.name for finding in found}
         found += [finding for finding in judge(trial) if finding.name not in known]
         if trial.witness.vehicle.outcome is not VehicleOutcome.DONE and not trial.witness.is_slow:
@@ -63,7 +63,7 @@ def check_controller(
     return found
 
 
-def _script(vehicle: Vehicle, pilot: Pilot) -> Scenario:
+def _script(vehicle: Vehicle, controller: Controller) -> Scenario:
     """Return the scenario of a trial: calm air, and a kick about all axes, at the rate of the law."""
     begin_s, end_s = KICK_S
     roll, pitch, yaw = (inertia * KICK_RATE / (end_s - begin_s) for inertia in vehicle.inertia_B)
@@ -72,20 +72,20 @@ def _script(vehicle: Vehicle, pilot: Pilot) -> Scenario:
         MomentStep(kind="step", amplitude_nm=(-roll, -pitch, -yaw), start_s=end_s),
     )
     script = replace(load_scenario("calm"), name="check", duration_s=DURATION_S, moment=kick)
-    if not isinstance(pilot, Law):
+    if not isinstance(controller, Law):
         return script
-    rate_hz = round(1.0 / pilot.dt)
+    rate_hz = round(1.0 / controller.dt)
     steps = max(round(script.physics_rate_hz / rate_hz), 1)
     return replace(script, control_rate_hz=rate_hz, physics_rate_hz=steps * rate_hz)
 
 
 def _fly_trial(
-    name: str, script: Scenario, pilot: Pilot, vehicle: Vehicle, *, patience_s: float, startup_s: float
+    name: str, script: Scenario, controller: Controller, vehicle: Vehicle, *, patience_s: float, startup_s: float
 ) -> Trial:
     lockstep = name == "lockstep"
     with TemporaryDirectory() as folder, udp.bind(0) as bound:
-        files = write_inputs(FlightPlan(script, pilot, vehicle, 1, not lockstep), Path(folder))
-        process = launch(*controller_command(pilot, files, real_time=not lockstep))
+        files = write_inputs(FlightPlan(script, controller, vehicle, 1, not lockstep), Path(folder))
+        process = launch(*controller_command(controller, files, real_time=not lockstep))
         try:
             send_line(process, f"127.0.0.1:{bound.getsockname()[1]}")
             endpoint = VehicleEndpoint(vehicle, script, 1, lambda _: None, lockstep=lockstep)

@@ -17,8 +17,8 @@ from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
 from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
-from gustproof.flight.controllers.entry import UserController
 from gustproof.flight.controllers.library import Library, load_library
+from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.routes.direct import check_compatible
 from gustproof.flight.routes.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
 from gustproof.flight.scoring.metrics import Metrics, Tally, metrics_from_tally
@@ -99,7 +99,7 @@ class CaseResult:
 def fly_many(scenario: Scenario, law: Law | UserController, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
 
-    An entry must be a C library in double precision; others fly one by one, see `fly_pilot`.
+    An entry must be a C library in double precision; others fly one by one, see `fly_controller`.
 
     Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
     `fly_direct` raises.
@@ -127,10 +127,10 @@ def _find_kernel(scenario: Scenario) -> Callable[[BatchSetup, Batch], None]:
 
 
 def make_batch_simulator(
-    scenario: Scenario, pilot: Law | UserController
+    scenario: Scenario, controller: Law | UserController
 ) -> Callable[[Sequence[Case]], list[CaseResult]]:
     """Return a function that flies cases as `fly_many` does, with their common data made once."""
-    law, terms, step = _find_step(pilot)
+    law, terms, step = _find_step(controller)
 
     def fly(cases: Sequence[Case]) -> list[CaseResult]:
         # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
@@ -153,11 +153,11 @@ def make_batch_simulator(
     return fly
 
 
-def _find_step(pilot: Law | UserController) -> tuple[Law | Library, SparseLaw, int]:
+def _find_step(controller: Law | UserController) -> tuple[Law | Library, SparseLaw, int]:
     """Return a law and its terms, or the library of an entry; address of its step."""
-    if isinstance(pilot, Law):
-        return pilot, _without_padding(sparse_law(pilot)), 0
-    library = load_library(pilot)
+    if isinstance(controller, Law):
+        return controller, _without_padding(sparse_law(controller)), 0
+    library = load_library(controller)
     if library.is_single:
         raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
     return library, no_law(), library.step

@@ -156,11 +156,11 @@ def fly_stepper(
 
 
 def _make_flight(
-    scenario: Scenario, vehicle: Vehicle, seed: int, pilot: Law | Library | CheckedStepper
+    scenario: Scenario, vehicle: Vehicle, seed: int, controller: Law | Library | CheckedStepper
 ) -> _DirectFlight:
     """Return a flight that has not begun; its reference is the scenario's."""
-    terms = sparse_law(pilot) if isinstance(pilot, Law) else no_law()
-    sim, torque = initial_state(vehicle, scenario, seed), pilot.output is Output.TORQUE
+    terms = sparse_law(controller) if isinstance(controller, Law) else no_law()
+    sim, torque = initial_state(vehicle, scenario, seed), controller.output is Output.TORQUE
     records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
     records[scenario.delay_samples :, _AGE] = scenario.delay_samples
     records[:, _MODE] = Mode.OFFBOARD.value
@@ -171,8 +171,8 @@ def _make_flight(
         reference=references(scenario), scale=np.array(published_limit(vehicle)) if torque else np.ones(3),
         thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
-        z=np.zeros(vector_size(terms, pilot.order)), command=np.zeros(3), work=np.zeros(pilot.order), ring=ring,
-        records=records,
+        z=np.zeros(vector_size(terms, controller.order)), command=np.zeros(3), work=np.zeros(controller.order),
+        ring=ring, records=records,
     )  # fmt: skip
 
 

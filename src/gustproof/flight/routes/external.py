@@ -26,7 +26,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.external.interface import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, ExternalOutcome, scenario_for
 from firmware_model.recording.estimates import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
-from gustproof.flight.controllers.entry import refuse_named
+from gustproof.flight.controllers.user_controller import refuse_named
 from gustproof.flight.routes.flight import Flight, flight_name, parse_metadata
 from gustproof.flight.routes.outcome import FlightOutcome, blame_physics, describe
 from gustproof.flight.routes.processes import WORKING_PREFIX, launch, terminate

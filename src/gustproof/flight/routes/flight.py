@@ -19,9 +19,9 @@ from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
 from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.airframe.hover import is_stable_at_hover, link_delay_samples
-from gustproof.flight.controllers.entry import (
+from gustproof.flight.controllers.user_controller import (
+    Controller,
     ControllerKind,
-    Pilot,
     UserController,
     find_program,
     parse_controller_metadata,
@@ -167,7 +167,7 @@ class FlightPlan(NamedTuple):
 
     scenario: Scenario
     """Script."""
-    pilot: Pilot
+    controller: Controller
     """Law, or a controller that is none."""
     vehicle: Vehicle
     """Vehicle."""
@@ -181,14 +181,14 @@ class FlightPlan(NamedTuple):
     @property
     def name(self) -> str:
         """Name of the files of this flight."""
-        return flight_name(self.scenario, self.pilot.name, self.seed)
+        return flight_name(self.scenario, self.controller.name, self.seed)
 
     def metadata(self) -> dict[str, Any]:
         """Return the plan as JSON for `parse_plan`, with the versions of the software that flies it."""
         return {
             "scenario": to_jsonable_python(self.scenario),
             "vehicle": to_jsonable_python(self.vehicle),
-            **_describe_pilot(self.pilot),
+            **_describe_controller(self.controller),
             **({} if self.nominal is None else {"nominal": to_jsonable_python(self.nominal)}),
             "seed": self.seed,
             "real_time": self.real_time,
@@ -217,7 +217,7 @@ def _doubt_link(scenario: Scenario, law: Law, vehicle: Vehicle) -> str:
     return f"law '{law.name}' is unstable while the link is late by {late}, by the linear model at hover"
 
 
-def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
+def check(scenario: Scenario, controller: Controller, vehicle: Vehicle) -> None:
     """Refuse a flight that should not begin.
 
     Raises
@@ -226,14 +226,14 @@ def check(scenario: Scenario, pilot: Pilot, vehicle: Vehicle) -> None:
         If there is an `objection` to a law, a program is not there, or the vehicle is impossible, at first or after an
         event.
     """
-    if isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM:
-        find_program(pilot.source)
+    if isinstance(controller, UserController) and controller.kind is ControllerKind.PROGRAM:
+        find_program(controller.source)
     check_body(vehicle.inertia_B, vehicle.inertia_B, f"vehicle '{vehicle.name}'")
     for sample, plant in fault_schedule(vehicle, scenario):
         after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"
         check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
-    if isinstance(pilot, Law) and (line := objection(scenario, pilot, vehicle)):
-        made_for = pilot.provenance.vehicle
+    if isinstance(controller, Law) and (line := objection(scenario, controller, vehicle)):
+        made_for = controller.provenance.vehicle
         other = f", and designed for '{made_for}'" if made_for and not is_named(vehicle, made_for) else ""
         raise ConfigError(f"{line}{other}; --anyway flies it all the same")
 
@@ -258,37 +258,37 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
 def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     """Return the plan in the metadata of a bag or a journal.
 
-    A law can fly at once, an entry only after `gustproof.flight.controllers.entry.confirm_controller`.
+    A law can fly at once, an entry only after `gustproof.flight.controllers.user_controller.confirm_controller`.
 
     Raises
     ------
     ConfigError
         If there is none, or the law is missing.
     """
-    scenario, pilot, vehicle, seed, real_time = parse_metadata(metadata, source)
-    if pilot is None:
+    scenario, controller, vehicle, seed, real_time = parse_metadata(metadata, source)
+    if controller is None:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
     nominal = metadata.get("nominal")
     known = None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
-    return FlightPlan(scenario, pilot, vehicle, seed, real_time, known)
+    return FlightPlan(scenario, controller, vehicle, seed, real_time, known)
 
 
-def _describe_pilot(pilot: Pilot) -> dict[str, Any]:
-    if isinstance(pilot, UserController):
-        return {"law": None, "controller": pilot.to_dict()}
-    return {"law": {**pilot.to_dict(), "order": pilot.order}}
+def _describe_controller(controller: Controller) -> dict[str, Any]:
+    if isinstance(controller, UserController):
+        return {"law": None, "controller": controller.to_dict()}
+    return {"law": {**controller.to_dict(), "order": controller.order}}
 
 
-def by_kind(pilot: Pilot | None) -> dict[str, Any]:
-    """Return the fields of a `Flight` that hold its pilot."""
+def by_kind(controller: Controller | None) -> dict[str, Any]:
+    """Return the fields of a `Flight` that hold its controller."""
     return {
-        "law": pilot if isinstance(pilot, Law) else None,
-        "entry": pilot if isinstance(pilot, UserController) else None,
+        "law": controller if isinstance(controller, Law) else None,
+        "entry": controller if isinstance(controller, UserController) else None,
     }
 
 
-def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Pilot | None, Vehicle, int, bool]:
-    """Return the fields of a `FlightPlan`; the pilot is `None` if nothing is known of it but its commands.
+def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Controller | None, Vehicle, int, bool]:
+    """Return the fields of a `FlightPlan`; the controller is `None` if nothing is known of it but its commands.
 
     Raises
     ------
@@ -303,10 +303,10 @@ def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Pilot | None,
     except (AttributeError, KeyError, TypeError, ValueError):
         raise ConfigError(f"{source}: does not say what was flown") from None
     script = validate(Scenario, scenario, f"{source}: scenario")
-    pilot: Pilot | None = None if entry is None else parse_controller_metadata(entry, source)
+    controller: Controller | None = None if entry is None else parse_controller_metadata(entry, source)
     if law is not None:
-        pilot = parse_law(law, f"{source}: law")
-    return script, pilot, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
+        controller = parse_law(law, f"{source}: law")
+    return script, controller, validate(Vehicle, vehicle, f"{source}: vehicle"), seed, real_time
 
 
 def first_difference_s(records: Records, others: Records) -> float | None:
@@ -332,9 +332,9 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
     return None
 
 
-def flight_name(scenario: Scenario, pilot: str, seed: int) -> str:
-    """Return the name of a flight's files; `pilot` is the law or the autopilot."""
-    return f"{scenario.name}-{pilot}-seed{seed}"
+def flight_name(scenario: Scenario, controller: str, seed: int) -> str:
+    """Return the name of a flight's files; `controller` is the law or the autopilot."""
+    return f"{scenario.name}-{controller}-seed{seed}"
 
 
 def law_name(law: Law | None) -> str:

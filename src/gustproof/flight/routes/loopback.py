@@ -38,13 +38,13 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
 
 
 def fly_by_messages(
-    scenario: Scenario, pilot: Flown, *, vehicle: Vehicle, seed: int = 1
+    scenario: Scenario, controller: Flown, *, vehicle: Vehicle, seed: int = 1
 ) -> tuple[Records, StepError | None]:
     """Fly a law or an entry as `fly_loopback` does; return the records up to the failure of the entry, and that."""
     rows: list[Array] = []
     try:
-        with nullcontext() if isinstance(pilot, Law) else pilot.limit_time():
-            failure = _fly(scenario, pilot, vehicle, seed, rows)
+        with nullcontext() if isinstance(controller, Law) else controller.limit_time():
+            failure = _fly(scenario, controller, vehicle, seed, rows)
     except StepError as hung:
         failure = hung
     records = as_records(np.array(rows)) if rows else np.empty(0, dtype=record_type(vehicle.rotors.count))

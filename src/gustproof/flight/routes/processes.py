@@ -25,7 +25,7 @@ from firmware_model.errors import ConfigError
 from firmware_model.process.child import share_core
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.endpoint.guard import describe_exit
 from gustproof.flight.routes.flight import Flight, FlightPlan, KillSchedule, by_kind, kill_schedule
 from gustproof.flight.routes.outcome import FlightOutcome, blame_physics, describe
@@ -52,7 +52,7 @@ _OUTCOMES = {
 
 def fly(
     scenario: Scenario,
-    pilot: Pilot,
+    controller: Controller,
     *,
     vehicle: Vehicle,
     seed: int = 1,
@@ -89,7 +89,7 @@ def fly(
     >>> (flight.outcome.name, len(flight.records))
     ('DONE', 25)
     """
-    plan = FlightPlan(scenario, pilot, vehicle, seed, real_time)
+    plan = FlightPlan(scenario, controller, vehicle, seed, real_time)
     return fly_plan(plan, out, default_ports=default_ports, progress=progress, tlog=tlog, on_listening=on_listening)
 
 
@@ -103,8 +103,8 @@ def fly_plan(
     on_listening: Callable[[int, Path], None] | None = None,
 ) -> Flight:
     """Fly a plan as `fly` does."""
-    scenario, pilot, vehicle, seed, real_time, _ = plan
-    _check_rate(scenario, pilot)
+    scenario, controller, vehicle, seed, real_time, _ = plan
+    _check_rate(scenario, controller)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
     if there := [file for file in (journal, log) if file.exists()]:
@@ -131,8 +131,8 @@ def fly_plan(
     words = describe(outcome, scenario, records)
     reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
-        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message=f"{scenario.name}, {pilot.name}, seed {seed}: {words}{reason}",
+        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        message=f"{scenario.name}, {controller.name}, seed {seed}: {words}{reason}",
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
     )  # fmt: skip
@@ -145,10 +145,12 @@ def _remove_unflown(journal: Path, log: Path, rotors: int) -> None:
             file.unlink(missing_ok=True)
 
 
-def _check_rate(scenario: Scenario, pilot: Pilot) -> None:
+def _check_rate(scenario: Scenario, controller: Controller) -> None:
     """Check that a law steps at the scenario's rate; an entry's own process checks its."""
-    if isinstance(pilot, Law) and pilot.dt != scenario.dt:
-        text = f"law '{pilot.name}' steps every {pilot.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+    if isinstance(controller, Law) and controller.dt != scenario.dt:
+        text = (
+            f"law '{controller.name}' steps every {controller.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+        )
         raise ConfigError(text)
 
 
@@ -159,8 +161,8 @@ def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
     files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
     files["nominal"].write_text(json.dumps(to_jsonable_python(plan.nominal or plan.vehicle)), encoding="utf-8")
     files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
-    if isinstance(plan.pilot, Law):
-        plan.pilot.save(files["law"])
+    if isinstance(plan.controller, Law):
+        plan.controller.save(files["law"])
     return files
 
 
@@ -184,10 +186,10 @@ class _ProcessPair:
         self._plan, self._files, self._journal, self._options = plan, files, journal, options
         self._rotors = plan.vehicle.rotors.count
         self._kill, self._replaced, self._address = kill, False, ""
-        self._is_program = is_program(plan.pilot)
-        self._is_law = isinstance(plan.pilot, Law)
+        self._is_program = is_program(plan.controller)
+        self._is_law = isinstance(plan.controller, Law)
         self._controller = controller_command(
-            plan.pilot, files, real_time=plan.real_time, level=not plan.scenario.references
+            plan.controller, files, real_time=plan.real_time, level=not plan.scenario.references
         )
         self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}

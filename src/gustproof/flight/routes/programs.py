@@ -6,7 +6,7 @@ from typing import Any
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.mavlink.reasons import RejectReason
-from gustproof.flight.controllers.entry import ControllerKind, Pilot, UserController, find_program
+from gustproof.flight.controllers.user_controller import Controller, ControllerKind, UserController, find_program
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import Law
 
@@ -15,12 +15,14 @@ _MOST_HELD = 0.05
 _WRONG_STAMPS = (RejectReason.EARLY.value, RejectReason.STALE.value)
 
 
-def is_program(pilot: Pilot) -> bool:
-    """Return whether a pilot is an external program."""
-    return isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM
+def is_program(controller: Controller) -> bool:
+    """Return whether a controller is an external program."""
+    return isinstance(controller, UserController) and controller.kind is ControllerKind.PROGRAM
 
 
-def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bool, level: bool = False) -> list[str]:
+def controller_command(
+    controller: Controller, files: Mapping[str, Path], *, real_time: bool, level: bool = False
+) -> list[str]:
     """Return module and arguments of the Python process that controls; it reads the vehicle's address from its input.
 
     `files` are those that it reads: law, scenario, and nominal vehicle. A law that flies `level`, without references,
@@ -29,17 +31,17 @@ def controller_command(pilot: Pilot, files: Mapping[str, Path], *, real_time: bo
     Raises
     ------
     ConfigError
-        If the pilot is a program that is not there, or a controller that its user did not name.
+        If the controller is a program that is not there, or a controller that its user did not name.
     """
-    if isinstance(pilot, UserController):
-        pilot.check_given()
-    if isinstance(pilot, Law):
+    if isinstance(controller, UserController):
+        controller.check_given()
+    if isinstance(controller, Law):
         flown = ["--law", str(files["law"]), *([] if level else ["--scenario", str(files["scenario"])])]
-    elif pilot.kind is ControllerKind.PROGRAM:
-        return ["gustproof.flight.endpoint.guard", *find_program(pilot.source)]
+    elif controller.kind is ControllerKind.PROGRAM:
+        return ["gustproof.flight.endpoint.guard", *find_program(controller.source)]
     else:
         read = ["--vehicle", str(files["nominal"]), "--scenario", str(files["scenario"])]
-        flown = ["--controller", pilot.source, *read]
+        flown = ["--controller", controller.source, *read]
     options = ["--json", "--exit-on-stdin-eof", *(["--real-time"] if real_time else [])]
     return ["gustproof.flight.endpoint", *options, *flown, "--connect", "-"]
 

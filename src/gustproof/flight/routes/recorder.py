@@ -97,11 +97,11 @@ def recover(folder: Path) -> list[Flight]:
 def _recover(journal: Path) -> Flight:
     header, records = read_journal(journal, sound=True)
     metadata = header.get("note", {})
-    scenario, pilot, vehicle, seed, _ = parse_metadata(metadata, journal)
+    scenario, controller, vehicle, seed, _ = parse_metadata(metadata, journal)
     outcome = infer_outcome(records, scenario)
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     flight = Flight(
-        scenario=scenario, **by_kind(pilot), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message="", journal=journal, autopilot=metadata.get("autopilot"),
         estimates=read_estimates(journal.with_suffix(ATTITUDE_SUFFIX)) if "autopilot" in metadata else None,
     )  # fmt: skip

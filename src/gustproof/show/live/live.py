@@ -40,16 +40,16 @@ _NO_RECORDS = np.empty(0, dtype=RECORD)
 class LivePage:
     """The page and its data sources; a context manager that leaves no thread and no socket behind.
 
-    `pilots` are the laws that the page lets choose from, at least one.
+    `laws` are the laws that the page lets choose from, at least one.
     """
 
-    def __init__(self, scenario: Scenario, pilots: Sequence[str], vehicle: Vehicle, *, real_time: bool) -> None:
+    def __init__(self, scenario: Scenario, laws: Sequence[str], vehicle: Vehicle, *, real_time: bool) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
         self._buffer = TelemetryBuffer(
-            scenario=scenario.name, laws=[*pilots], law=pilots[0], vehicle=vehicle.name, duration_s=scenario.duration_s,
+            scenario=scenario.name, laws=[*laws], law=laws[0], vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             bands=[span._asdict() for span in timeline(scenario)], limits=_limits(scenario, vehicle), commands=[],
             has_report=False, goes_on=False,

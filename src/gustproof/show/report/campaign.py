@@ -56,7 +56,7 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
 
 
 def render_rare(found: RareEstimate, campaign: Campaign) -> Renderable:
-    """Return the probability of a rare event, its price, and the worst flight."""
+    """Return the probability of a rare event, the flights that it took, and the worst flight."""
     p, low, high = found.probability
     interval = f"{100.0 * CONFIDENCE:g} %: {low:.2g} .. {high:.2g}"
     lines = [

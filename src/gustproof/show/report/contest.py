@@ -18,7 +18,7 @@ _HEADINGS = (
 
 
 def render_comparison(title: str, rows: Iterable[ComparisonRow]) -> Renderable:
-    """Return the table, a row for each contestant."""
+    """Return the table, a row for each controller."""
     table = Table("", title=title)
     for heading in _HEADINGS:
         table.add_column(heading, justify="right")

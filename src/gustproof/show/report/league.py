@@ -10,7 +10,7 @@ from rich.text import Text
 
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.campaign.intervals import CONFIDENCE, IntervalEstimate
-from gustproof.studies.league.entrants import REFERENCE
+from gustproof.studies.league.entries import REFERENCE
 from gustproof.studies.league.study import League
 
 _RIGHT: dict[str, Any] = {"justify": "right", "no_wrap": True}
@@ -30,15 +30,15 @@ def render_league(league: League) -> Renderable:
         (rank, within), score, points = league.ranks[i], league.standings.ratios[i], league.points[i]
         worst = (max(each.Ms for each in points), max(each.slew_share for each in points), score.value)
         interval = f"{format_number(score.low)}..{format_number(score.high)}"
-        about = (str(rank), league.plan.entrants[i].name, f"{league.classes[i]} {within}")
+        about = (str(rank), league.plan.entries[i].name, f"{league.classes[i]} {within}")
         table.add_row(*about, *map(format_number, worst), interval)
     return Group(table, Text("\n".join(describe_failures(league))))
 
 
 def describe_failures(league: League) -> Iterator[str]:
-    """Yield each entrant's failed flights, operating points that could not be measured, and cells without a score."""
+    """Yield each entry's failed flights, operating points that could not be measured, and cells without a score."""
     for i in league.order:
-        name = league.plan.entrants[i].name
+        name = league.plan.entries[i].name
         for cell, reasons in zip(league.cells, league.failures[i], strict=True):
             if reasons:
                 yield f"{name}: {len(reasons)} of {league.plan.runs} flights failed in {cell}: {reasons[0]}"

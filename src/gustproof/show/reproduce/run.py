@@ -213,7 +213,7 @@ def _fly_all(plans: Sequence[FlightPlan], out: Path, progress: Progress) -> list
     shares, stop = [0.0] * len(plans), Event()
 
     def fly(index: int, plan: FlightPlan) -> Flight:
-        name = f"{plan.scenario.name}, {plan.pilot.name}, seed {plan.seed}"
+        name = f"{plan.scenario.name}, {plan.controller.name}, seed {plan.seed}"
 
         def show(share: float) -> None:
             if stop.is_set():

@@ -21,10 +21,10 @@ from gustproof.types import Records
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRow:
-    """Medians over the seeds of one contestant; angles over three axes."""
+    """Medians over the seeds of one controller; angles over three axes."""
 
     name: str
-    """Contestant."""
+    """Controller."""
     steady_rmse_deg: float
     """[deg] rms of the true attitude with each axis' mean removed."""
     rmse_deg: float
@@ -44,11 +44,11 @@ class ComparisonRow:
 def compare(
     scenario: Scenario,
     vehicle: Vehicle,
-    contestants: Sequence[ExternalAutopilot | Law],
+    controllers: Sequence[ExternalAutopilot | Law],
     seeds: Sequence[int],
     progress: Callable[[float, str], None] = lambda *_: None,
 ) -> list[ComparisonRow]:
-    """Fly each contestant with each seed and return its row; autopilots leave no files.
+    """Fly each controller with each seed and return its row; autopilots leave no files.
 
     Raises
     ------
@@ -58,26 +58,26 @@ def compare(
         If a flight ends before the scenario does.
     """
     rows = []
-    for i, contestant in enumerate(contestants):
+    for i, controller in enumerate(controllers):
         found = []
         for j, seed in enumerate(seeds):
-            progress((i + j / len(seeds)) / len(contestants), f"{contestant.name}, seed {seed}")
-            found.append(_fly(scenario, vehicle, contestant, seed))
-        rows.append(_median_row(contestant.name, found))
+            progress((i + j / len(seeds)) / len(controllers), f"{controller.name}, seed {seed}")
+            found.append(_fly(scenario, vehicle, controller, seed))
+        rows.append(_median_row(controller.name, found))
     return rows
 
 
-def _fly(scenario: Scenario, vehicle: Vehicle, contestant: ExternalAutopilot | Law, seed: int) -> ComparisonRow:
-    if isinstance(contestant, Law):
-        records = fly_direct(scenario, contestant, vehicle=vehicle, seed=seed)
-        return _make_row(contestant.name, records, measure(records, vehicle, scenario, 0.0), None)
+def _fly(scenario: Scenario, vehicle: Vehicle, controller: ExternalAutopilot | Law, seed: int) -> ComparisonRow:
+    if isinstance(controller, Law):
+        records = fly_direct(scenario, controller, vehicle=vehicle, seed=seed)
+        return _make_row(controller.name, records, measure(records, vehicle, scenario, 0.0), None)
     with TemporaryDirectory() as folder:
-        flight = fly_external(ExternalPlan(scenario, contestant, vehicle, seed, real_time=False), Path(folder))
+        flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:
         raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise FlightError(flight.message)
-    return _make_row(contestant.name, flight.records, flight.metrics, flight.own_view)
+    return _make_row(controller.name, flight.records, flight.metrics, flight.own_view)
 
 
 def _make_row(name: str, records: Records, figures: Metrics, view: OwnView | None) -> ComparisonRow:

@@ -17,13 +17,14 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import (
+from gustproof.flight.controllers.library import load_library
+from gustproof.flight.controllers.user_controller import (
+    Controller,
     ControllerKind,
     UserController,
     confirm_controller,
     parse_controller_metadata,
 )
-from gustproof.flight.controllers.library import load_library
 from gustproof.flight.routes.batch import Case
 from gustproof.flight.routes.external import ExternalAutopilot, confirm_autopilot, parse_autopilot
 from gustproof.law.form import Law, parse_law
@@ -36,7 +37,7 @@ _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
 
 
-Contestant = Law | UserController | ExternalAutopilot
+AnyController = Controller | ExternalAutopilot
 """Whatever flies a campaign."""
 
 
@@ -78,7 +79,7 @@ class Campaign:
 
     scenario: Scenario
     """Script."""
-    laws: tuple[Contestant, ...]
+    laws: tuple[AnyController, ...]
     """Laws, and entries and real autopilots that fly in place of one, with distinct names."""
     vehicles: VehicleSet
     """Vehicle with its spreads."""
@@ -113,7 +114,7 @@ class Campaign:
         flown = filter(is_given, self.laws)
         return not self.scenario.has_link_script and all(map(flies_in_lanes, flown))
 
-    def law_of(self, run: int) -> Contestant:
+    def law_of(self, run: int) -> AnyController:
         """Return the law that flies a run."""
         return self.laws[run // self.cases]
 
@@ -224,7 +225,7 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
             raise ConfigError(f"{source}: its format is {metadata['format']!r}, not {FORMAT!r}")
         return Campaign(
             scenario=validate(Scenario, metadata["scenario"], f"{source}: scenario"),
-            laws=tuple(_parse_contestant(law, source) for law in metadata["laws"]),
+            laws=tuple(_parse_any(law, source) for law in metadata["laws"]),
             vehicles=make_vehicle_set(metadata["vehicle"], f"{source}: vehicle"),
             spreads={name: Spread(**spread) for name, spread in metadata["spreads"].items()},
             cases=int(metadata["runs"]),
@@ -235,19 +236,19 @@ def parse_campaign(metadata: Any, source: Path | str) -> Campaign:
         raise ConfigError(f"{source}: no description of a campaign") from None
 
 
-def flies_in_lanes(contestant: Contestant) -> bool:
-    """Return whether a contestant flies in the compiled loop over many flights: laws, and C in double precision."""
-    if not isinstance(contestant, UserController):
-        return isinstance(contestant, Law)
-    return contestant.kind is ControllerKind.LIBRARY and not load_library(contestant).is_single
+def flies_in_lanes(controller: AnyController) -> bool:
+    """Return whether a controller flies in the compiled loop over many flights: laws, and C in double precision."""
+    if not isinstance(controller, UserController):
+        return isinstance(controller, Law)
+    return controller.kind is ControllerKind.LIBRARY and not load_library(controller).is_single
 
 
-def is_given(law: Contestant) -> bool:
+def is_given(law: AnyController) -> bool:
     """Return false for an entry or an autopilot that only a file names, which can't fly."""
     return isinstance(law, Law) or law.given
 
 
-def check_given(laws: Iterable[Contestant], where: object) -> None:
+def check_given(laws: Iterable[AnyController], where: object) -> None:
     """Refuse to fly what only a file names; the text begins with `where`.
 
     Raises
@@ -260,7 +261,7 @@ def check_given(laws: Iterable[Contestant], where: object) -> None:
             law.check_given(where)
 
 
-def confirm(law: Contestant, given: Sequence[Contestant], where: object) -> Contestant:
+def confirm(law: AnyController, given: Sequence[AnyController], where: object) -> AnyController:
     """Return a law, or the one among those `given` by a user that an entry or an autopilot in a file stands for.
 
     Raises
@@ -276,7 +277,7 @@ def confirm(law: Contestant, given: Sequence[Contestant], where: object) -> Cont
     return confirm_autopilot(law, same if isinstance(same, ExternalAutopilot) else None, where)
 
 
-def trust(law: Contestant) -> Contestant:
+def trust(law: AnyController) -> AnyController:
     """Return what a worker flies for a campaign that this program has sent it.
 
     Raises
@@ -289,7 +290,7 @@ def trust(law: Contestant) -> Contestant:
     return law if isinstance(law, Law) else replace(law, given=True)
 
 
-def _parse_contestant(document: Any, source: Path | str) -> Contestant:
+def _parse_any(document: Any, source: Path | str) -> AnyController:
     if "autopilot" in document:
         return parse_autopilot(document, source)
     if "kind" in document:

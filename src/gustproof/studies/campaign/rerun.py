@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import UserController
+from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.studies.campaign.plan import Campaign

@@ -19,15 +19,15 @@ from firmware_model.config.requirement import Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
+from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
 from gustproof.flight.routes.kernels import LANES
 from gustproof.flight.routes.outcome import ENTRY_FAILURES, FlightOutcome
-from gustproof.flight.routes.pilots import PilotFlight, fly_pilot
 from gustproof.flight.scoring.metrics import FIGURE_UNITS, Metrics, measure
 from gustproof.flight.scoring.requirements import judge, requirement_unit
-from gustproof.studies.campaign.plan import Campaign, Contestant, flies_in_lanes, parse_campaign, trust
+from gustproof.studies.campaign.plan import AnyController, Campaign, flies_in_lanes, parse_campaign, trust
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -100,7 +100,7 @@ def load_campaign(metadata: str) -> Campaign:
 
 
 def _fly_cases(
-    campaign: Campaign, law: Contestant, fly: Simulator, delta: Array, seeds: Sequence[int]
+    campaign: Campaign, law: AnyController, fly: Simulator, delta: Array, seeds: Sequence[int]
 ) -> list[CaseResult | str]:
     """Return the result of each case, or the reason why it has none."""
     cases: list[Case | str] = []
@@ -125,7 +125,7 @@ def _fly_bisecting(fly: Simulator, cases: list[Case]) -> list[CaseResult | str]:
         return _fly_bisecting(fly, cases[:half]) + _fly_bisecting(fly, cases[half:])
 
 
-def _make_simulator(campaign: Campaign, law: Contestant) -> Simulator:
+def _make_simulator(campaign: Campaign, law: AnyController) -> Simulator:
     scenario = campaign.scenario
     if isinstance(law, ExternalAutopilot):
         return lambda cases: [_fly_external(scenario, law, case) for case in cases]
@@ -142,10 +142,10 @@ def _make_simulator(campaign: Campaign, law: Contestant) -> Simulator:
     return lambda cases: [fly(case) for case in cases]
 
 
-def _fly_alone(campaign: Campaign, pilot: Pilot, case: Case) -> PilotFlight:
+def _fly_alone(campaign: Campaign, controller: Controller, case: Case) -> ControllerFlight:
     """Return the flight of a case; the maker of an entry gets the nominal vehicle."""
     script, nominal = case.apply_to(campaign.scenario), campaign.vehicles.nominal
-    return fly_pilot(script, pilot, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
+    return fly_controller(script, controller, vehicle=case.vehicle, seed=case.seed, nominal=nominal)
 
 
 def _fly_external(scenario: Scenario, autopilot: ExternalAutopilot, case: Case) -> CaseResult:
@@ -157,7 +157,7 @@ def _fly_external(scenario: Scenario, autopilot: ExternalAutopilot, case: Case) 
     return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
 
 
-def _check_diverged(campaign: Campaign, law: Contestant, case: Case, judged: CaseResult | str) -> CaseResult | str:
+def _check_diverged(campaign: Campaign, law: AnyController, case: Case, judged: CaseResult | str) -> CaseResult | str:
     """Return the result, or the time of divergence if the flight diverged."""
     if isinstance(judged, str) or all(map(math.isfinite, _get_figures(judged.metrics))):
         return judged

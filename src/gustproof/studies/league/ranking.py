@@ -1,7 +1,7 @@
 """Ranks by pairs, with confidence, and classes of operating points: who is as robust and as quiet, by measurement.
 
-A flight's score is the logarithm of its error over the reference entrant's in the same seed, within a factor of `CLIP`.
-An entrant's score is the mean over flights and cells, a cell being a scenario on a vehicle. Its exponential is shown, a
+A flight's score is the logarithm of its error over the reference entry's in the same seed, within a factor of `CLIP`.
+An entry's score is the mean over flights and cells, a cell being a scenario on a vehicle. Its exponential is shown, a
 geometric mean of error ratios. Seeds are independent, so the means over cells of each seed give Student's interval.
 """
 
@@ -24,7 +24,7 @@ _FLOOR_DEG = 1e-9
 
 
 class OperatingPoint(NamedTuple):
-    """Robustness of an entrant on a vehicle, and the torque slew that it takes; or bounds of these."""
+    """Robustness of an entry on a vehicle, and the torque slew that it takes; or bounds of these."""
 
     Ms: float
     """[-] largest sensitivity peak of the worst axis; infinite if none could be measured."""
@@ -72,14 +72,14 @@ def classify(points: Sequence[OperatingPoint]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Standings:
-    """Scores of n entrants over m cells."""
+    """Scores of n entries over m cells."""
 
     ratios: tuple[IntervalEstimate, ...]
     """(n,) [-] error over the reference's, geometric mean."""
     cells: Array
     """(n, m) [-] error over the reference's in each cell, geometric mean of its flights."""
     pairs: tuple[tuple[IntervalEstimate, ...], ...]
-    """(n, n) [-] error of the row's entrant over the column's."""
+    """(n, n) [-] error of the row's entry over the column's."""
 
     def ranks(self, members: Sequence[int]) -> list[int]:
         """Return 1 plus the number of better members for each: those who can't be told apart share a rank."""
@@ -87,9 +87,9 @@ class Standings:
 
 
 def log_ratios(errors_deg: Array, reference_deg: Array) -> Array:
-    """Return the scores of flights (entrants, cells, runs) from errors [deg], NaN for failed ones.
+    """Return the scores of flights (entries, cells, runs) from errors [deg], NaN for failed ones.
 
-    `reference_deg` (cells, runs) holds the reference entrant's errors.
+    `reference_deg` (cells, runs) holds the reference entry's errors.
     """
     counted, unit = (
         np.clip(np.where(np.isfinite(each), each, WORST_DEG), _FLOOR_DEG, WORST_DEG)
@@ -99,7 +99,7 @@ def log_ratios(errors_deg: Array, reference_deg: Array) -> Array:
 
 
 def compute_standings(scores: Array) -> Standings:
-    """Return the standings from the scores (entrants, cells, runs) of all flights."""
+    """Return the standings from the scores (entries, cells, runs) of all flights."""
     by_seed = scores.mean(axis=1)
     return Standings(
         ratios=tuple(map(_estimate, by_seed)),

@@ -27,7 +27,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from gustproof.design.tune import default_slew
 from gustproof.errors import DesignError
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
 from gustproof.law.form import parse_law
 from gustproof.studies.campaign.executors import Pool
 from gustproof.studies.campaign.growth import resume_campaign
@@ -36,9 +36,16 @@ from gustproof.studies.campaign.reader import open_table, read_column
 from gustproof.studies.campaign.runner import fly_campaign
 from gustproof.studies.campaign.worker import requirement_columns
 from gustproof.studies.league.course import WORST_DEG, fit_scenario
-from gustproof.studies.league.entrants import REFERENCE, Entrant, is_tuned, make_pilot, parse_entrant, tuning_air
+from gustproof.studies.league.entries import (
+    REFERENCE,
+    LeagueEntry,
+    is_tuned,
+    make_controller,
+    parse_league_entry,
+    tuning_air,
+)
 from gustproof.studies.league.ranking import OperatingPoint, Standings, classify, compute_standings, log_ratios
-from gustproof.studies.operating_point import measure_price
+from gustproof.studies.operating_point import measure_operating_point
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -47,28 +54,28 @@ _SLEW_S = 20.0
 """[s] flights in turbulence that measure the torque slew."""
 _Progress = Callable[[float, str], None]
 _Result = dict[str, Any]
-_Team = Mapping[str, Pilot]  # by vehicle
+_Team = Mapping[str, Controller]  # by vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LeaguePlan:
     """Everything that decides a league's result."""
 
-    entrants: tuple[Entrant, ...]
+    entries: tuple[LeagueEntry, ...]
     """Entrants with distinct names."""
     vehicles: tuple[VehicleSet, ...]
     """Vehicles with distinct names."""
     scenarios: tuple[Scenario, ...]
     """Course, in strengths for `paper`."""
     runs: int
-    """Flights of each entrant in each cell."""
+    """Flights of each entry in each cell."""
     seed: int = 1
     """Seed of all flights."""
 
     def __post_init__(self) -> None:
         """Check that names are distinct."""
         for what, names in (
-            ("entry", [each.name for each in self.entrants]),
+            ("entry", [each.name for each in self.entries]),
             ("vehicle", [each.nominal.name for each in self.vehicles]),
             ("scenario", [each.name for each in self.scenarios]),
         ):
@@ -91,7 +98,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class League:
-    """A league that was flown, of n entrants in m cells."""
+    """A league that was flown, of n entries in m cells."""
 
     plan: LeaguePlan
     """Plan."""
@@ -104,7 +111,7 @@ class League:
     errors_deg: Array
     """(n, m, runs) [deg] error of each flight; NaN if it failed."""
     reference_deg: Array
-    """(m, runs) [deg] of the reference entrant."""
+    """(m, runs) [deg] of the reference entry."""
     failures: tuple[tuple[tuple[str, ...], ...], ...]
     """(n, m) reasons of the flights that count as the worst."""
 
@@ -115,12 +122,12 @@ class League:
 
     @cached_property
     def classes(self) -> tuple[str, ...]:
-        """(n,) class of each entrant's operating points."""
+        """(n,) class of each entry's operating points."""
         return tuple(map(classify, self.points))
 
     @cached_property
     def ranks(self) -> tuple[tuple[int, int], ...]:
-        """(n,) rank over all of each entrant, and within its class."""
+        """(n,) rank over all of each entry, and within its class."""
         over_all = self.standings.ranks(range(len(self.classes)))
         within: dict[int, int] = {}
         for name in set(self.classes):
@@ -130,13 +137,13 @@ class League:
 
     @property
     def order(self) -> list[int]:
-        """Numbers of the entrants from the least error on."""
-        return sorted(range(len(self.plan.entrants)), key=lambda i: (self.standings.ratios[i].value, i))
+        """Numbers of the entries from the least error on."""
+        return sorted(range(len(self.plan.entries)), key=lambda i: (self.standings.ratios[i].value, i))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the league as JSON values, the entrants in the order of their scores."""
+        """Return the league as JSON values, the entries in the order of their scores."""
         plan, found = self.plan, self.standings
-        names = [each.name for each in plan.entrants]
+        names = [each.name for each in plan.entries]
         document: dict[str, Any] = to_jsonable_python(
             {
                 "format": FORMAT,
@@ -146,7 +153,7 @@ class League:
                 "vehicles": [each.nominal.name for each in plan.vehicles],
                 "scenarios": {each.name: each.description for each in plan.scenarios},
                 "not_scored": [_place(cell) for cell in self.skipped],
-                "entrants": [self._entrant_to_dict(i) for i in self.order],
+                "entrants": [self._entry_to_dict(i) for i in self.order],
                 "pairs": [
                     {"entry": names[i], "other": names[j], **found.pairs[i][j]._asdict()}
                     for i, j in combinations(self.order, 2)
@@ -165,12 +172,12 @@ class League:
         )
         return document
 
-    def _entrant_to_dict(self, i: int) -> dict[str, Any]:
+    def _entry_to_dict(self, i: int) -> dict[str, Any]:
         reasons = [reason for cell in self.failures[i] for reason in cell]
         points = zip(self.plan.vehicles, self.points[i], strict=True)
         return {
-            "name": self.plan.entrants[i].name,
-            "source": self.plan.entrants[i].source,
+            "name": self.plan.entries[i].name,
+            "source": self.plan.entries[i].source,
             "rank": self.ranks[i][0],
             "class": self.classes[i],
             "class_rank": self.ranks[i][1],
@@ -193,7 +200,7 @@ def fly_league(plan: LeaguePlan, folder: Path, pool: Pool, *, progress: _Progres
     ConfigError
         If a file is wrong, or the folder holds another league's flights.
     DesignError
-        If no law can be tuned for an entrant on a vehicle; the text names all of these.
+        If no law can be tuned for an entry on a vehicle; the text names all of these.
     FlightError
         If the disk is full; finished work stays.
     """
@@ -224,19 +231,19 @@ class _Task(NamedTuple):
         return f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
 
-def _tune(entrant: Entrant, vehicles: VehicleSet) -> _Result:
-    """Return the law of an entrant for a vehicle, or why there is none."""
+def _tune(entry: LeagueEntry, vehicles: VehicleSet) -> _Result:
+    """Return the law of an entry for a vehicle, or why there is none."""
     try:
-        return make_pilot(entrant, vehicles).to_dict()
+        return make_controller(entry, vehicles).to_dict()
     except (DesignError, ConfigError) as error:
         return {"refused": sanitize_line(str(error))}
 
 
-def _measure(pilot: Pilot, vehicle: Vehicle) -> _Result:
-    """Return the operating point of a pilot on a vehicle, or why it can't be measured."""
+def _measure(controller: Controller, vehicle: Vehicle) -> _Result:
+    """Return the operating point of a controller on a vehicle, or why it can't be measured."""
     try:
         with np.errstate(all="ignore"):  # a loop that diverges is a result
-            return measure_price(pilot, vehicle, replace(tuning_air(), duration_s=_SLEW_S)).to_dict()
+            return measure_operating_point(controller, vehicle, replace(tuning_air(), duration_s=_SLEW_S)).to_dict()
     except (DesignError, ConfigError, ValueError, np.linalg.LinAlgError) as error:
         return {"refused": sanitize_line(str(error))}
 
@@ -250,11 +257,11 @@ class _Study:
     def run(self) -> League:
         plan = self._plan
         cells, skipped = self._lay_out()
-        entrants = [*plan.entrants]
-        if all(each.source != REFERENCE for each in entrants):
-            entrants.append(parse_entrant(REFERENCE))
-        teams = self._make_teams(entrants)
-        n, reference = len(plan.entrants), [each.source for each in entrants].index(REFERENCE)
+        entries = [*plan.entries]
+        if all(each.source != REFERENCE for each in entries):
+            entries.append(parse_league_entry(REFERENCE))
+        teams = self._make_teams(entries)
+        n, reference = len(plan.entries), [each.source for each in entries].index(REFERENCE)
         points = self._measure_points(teams[:n])
         flown = [self._fly(k / len(cells), cell, teams) for k, cell in enumerate(cells)]
         errors = np.array([each for each, _ in flown]).swapaxes(0, 1)
@@ -280,8 +287,8 @@ class _Study:
                 (skipped if own is None else cells).append(Cell(own or scenario, vehicles))
         return tuple(cells), tuple(skipped)
 
-    def _make_teams(self, entrants: Sequence[Entrant]) -> list[_Team]:
-        """Return each entrant's pilot by vehicle, under the entrant's name."""
+    def _make_teams(self, entries: Sequence[LeagueEntry]) -> list[_Team]:
+        """Return each entry's controller by vehicle, under the entry's name."""
         tuned = {
             (each.source, vehicles.nominal.name): _Task(
                 label=f"tuning {each.name} for {vehicles.nominal.name}",
@@ -289,7 +296,7 @@ class _Study:
                 arguments=(each, vehicles),
                 depends_on=(each.source, vehicles.document),
             )
-            for each in entrants
+            for each in entries
             for vehicles in self._plan.vehicles
             if is_tuned(each)
         }
@@ -298,12 +305,12 @@ class _Study:
         if refused:
             raise DesignError("; ".join(refused))
 
-        def pilot(each: Entrant, vehicles: VehicleSet) -> Pilot:
+        def controller(each: LeagueEntry, vehicles: VehicleSet) -> Controller:
             key = (each.source, vehicles.nominal.name)
-            made = parse_law(found[key], tuned[key].label) if key in found else make_pilot(each, vehicles)
+            made = parse_law(found[key], tuned[key].label) if key in found else make_controller(each, vehicles)
             return replace(made, name=each.name)
 
-        return [{v.nominal.name: pilot(each, v) for v in self._plan.vehicles} for each in entrants]
+        return [{v.nominal.name: controller(each, v) for v in self._plan.vehicles} for each in entries]
 
     def _measure_points(self, teams: Sequence[_Team]) -> tuple[tuple[OperatingPoint, ...], ...]:
         fleet, air = [each.nominal for each in self._plan.vehicles], tuning_air()
@@ -357,7 +364,7 @@ class _Study:
         return result
 
     def _fly(self, share: float, cell: Cell, teams: Sequence[_Team]) -> tuple[Array, list[tuple[str, ...]]]:
-        """Return the errors of all entrants (entrants, runs) [deg] in a cell, NaN for failures, and their reasons."""
+        """Return the errors of all entries (entries, runs) [deg] in a cell, NaN for failures, and their reasons."""
         place = _place(cell)
         laws = tuple(team[place["vehicle"]] for team in teams)
         seed = zlib.crc32(json.dumps([self._plan.seed, place]).encode())  # cells are independent

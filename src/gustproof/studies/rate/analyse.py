@@ -166,7 +166,7 @@ def _describe_limits(analysis: Analysis) -> list[str]:
     if not all(math.isfinite(flight.rmse_deg) and math.isfinite(flight.torque_slew_rms) for flight in flights):
         lines.append("the flight diverges: no figures")
     elif not unstable:
-        lines += _price(analysis)
+        lines += _describe_error(analysis)
     lines += _describe_robustness(analysis)
     if analysis.law.schedule is not None:
         lines.append(_describe_schedule(analysis))
@@ -209,7 +209,7 @@ def _describe_stability(axes: tuple[StabilityRange, ...]) -> str:
     return f"{certified}, {name} unstable at {100.0 * nearest.inertia:+.3g} % and {100.0 * nearest.actuator_lag:+.3g} %"
 
 
-def _price(analysis: Analysis) -> list[str]:
+def _describe_error(analysis: Analysis) -> list[str]:
     """Return error and slew by cause, and the mean error."""
     whole, gust, noise = (
         (m.rmse_deg, m.torque_slew_rms) for m in (analysis.metrics, analysis.gust_alone, analysis.noise_alone)

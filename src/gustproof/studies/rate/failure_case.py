@@ -46,9 +46,9 @@ class FailureCase:
         """Return the flight in one line."""
         flown, usual = self.figures, self.nominal
         end = f"peak {flown.peak_deg:.3g} deg" if is_held(flown) else "attitude is lost"
-        price = f"torque slew {flown.torque_slew_rms:.3g} N m/s, {flown.saturated_s:.3g} s at a torque limit"
+        cost = f"torque slew {flown.torque_slew_rms:.3g} N m/s, {flown.saturated_s:.3g} s at a torque limit"
         other = f"peak {usual.peak_deg:.3g} deg, slew {usual.torque_slew_rms:.3g} N m/s"
-        return f"{self.change}, flown {self.scenario.duration_s:g} s: {end}, {price}; the nominal flight: {other}"
+        return f"{self.change}, flown {self.scenario.duration_s:g} s: {end}, {cost}; the nominal flight: {other}"
 
 
 def is_held(figures: Metrics) -> bool:

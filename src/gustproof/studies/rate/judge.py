@@ -300,12 +300,12 @@ def improve(found: Judgement, vehicles: VehicleSet) -> AutopilotTuning | Tuning 
     if found.slew:
         usual = min(usual, MOST_SLEW * found.slew)
     slew, Ms = max(usual, found.slew or 0.0), min(max(found.Ms or low, low), high)
-    for price in dict.fromkeys(((slew, Ms), (slew, low), (usual, low))):
+    for point in dict.fromkeys(((slew, Ms), (slew, low), (usual, low))):
         try:
-            tuned = search(vehicles, found.scenario, slew=price[0], sensitivity_peak=price[1])
+            tuned = search(vehicles, found.scenario, slew=point[0], sensitivity_peak=point[1])
         except DesignError:  # too tight, or the search fails from each of its starts
             continue
-        if tuned.slew <= (1.0 + SAME) * price[0]:  # more where rounded outputs alone take nearly all of it
+        if tuned.slew <= (1.0 + SAME) * point[0]:  # more where rounded outputs alone take nearly all of it
             return tuned if _is_better(found, tuned) else None
     return None
 

@@ -18,9 +18,9 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden, Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.types import Vector
-from gustproof.flight.controllers.entry import Pilot
+from gustproof.flight.controllers.user_controller import Controller
+from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import PilotFlight, fly_pilot
 from gustproof.flight.scoring.metrics import attitude, measure
 from gustproof.law.form import Law
 from gustproof.robust.lft.uncertainty import Spreads
@@ -90,7 +90,7 @@ class _Candidate(NamedTuple):
 
 
 def worst_case(
-    law: Pilot,
+    law: Controller,
     *,
     vehicle: Vehicle,
     budget: Vector = PAPER_BUDGET,
@@ -145,7 +145,7 @@ class _Search:
 
     def __init__(
         self,
-        law: Pilot,
+        law: Controller,
         vehicle: Vehicle,
         budget: Vector,
         spreads: Spreads,
@@ -213,10 +213,10 @@ class _Search:
             flights=self._n_flights,
         )
 
-    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> PilotFlight:
+    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> ControllerFlight:
         self._n_flights += 1
         self._progress(min(self._n_flights / self._flights, 1.0))
-        return fly_pilot(scenario, self._law, vehicle=vehicle, seed=self._seed, nominal=self._vehicle)
+        return fly_controller(scenario, self._law, vehicle=vehicle, seed=self._seed, nominal=self._vehicle)
 
     def _fly_finite(self, scenario: Scenario, vehicle: Vehicle) -> Records:
         """Return the records of a flight that the search starts from.

@@ -16,8 +16,8 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
 from firmware_model.types import Vector
-from gustproof.flight.controllers.entry import Pilot
-from gustproof.flight.routes.pilots import fly_pilot
+from gustproof.flight.controllers.user_controller import Controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.scoring.metrics import attitude
 from gustproof.studies.worst_case.moment_search import WorstCase, peaks_deg
 from gustproof.types import Array
@@ -53,7 +53,7 @@ class SmallestCase:
 
 def shrink_case(
     found: WorstCase,
-    pilot: Pilot,
+    controller: Controller,
     *,
     vehicle: Vehicle,
     budget: Vector,
@@ -74,7 +74,7 @@ def shrink_case(
     """
     if not found.peak_deg >= target_deg:
         raise ValueError(f"the worst flight found reaches {found.peak_deg:.3g} deg, not {target_deg:g} deg")
-    return _Shrinking(found, pilot, vehicle, budget, target_deg, flights, progress or (lambda _: None)).run()
+    return _Shrinking(found, controller, vehicle, budget, target_deg, flights, progress or (lambda _: None)).run()
 
 
 class _Shrinking:
@@ -83,14 +83,14 @@ class _Shrinking:
     def __init__(
         self,
         found: WorstCase,
-        pilot: Pilot,
+        controller: Controller,
         vehicle: Vehicle,
         budget: Vector,
         target_deg: float,
         flights: int,
         progress: Callable[[float], None],
     ) -> None:
-        self._found, self._pilot, self._nominal, self._target = found, pilot, vehicle, target_deg
+        self._found, self._controller, self._nominal, self._target = found, controller, vehicle, target_deg
         self._budget, self._left, self._flights = np.array(budget), flights, flights
         self._progress = progress
         self._scenario, self._vehicle, self._peak = found.scenario, found.vehicle, found.peak_deg
@@ -128,7 +128,7 @@ class _Shrinking:
         self._left -= 1
         self._progress(1.0 - self._left / self._flights)
         seed = self._found.seed
-        records = fly_pilot(scenario, self._pilot, vehicle=vehicle, seed=seed, nominal=self._nominal).records
+        records = fly_controller(scenario, self._controller, vehicle=vehicle, seed=seed, nominal=self._nominal).records
         peak = max(peaks_deg(records, scenario, vehicle))
         moment = np.max(np.abs(records["moment_B"]), axis=0, initial=0.0)
         if not (peak >= self._target and (moment <= self._budget).all()):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.library import LibraryStepper, load_library
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.law.form import Output, load_law
 from gustproof.law.step import step
 from gustproof.law.write.c import save_c

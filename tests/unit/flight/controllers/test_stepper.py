@@ -8,9 +8,9 @@ import pytest
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers import stepper
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
 from gustproof.flight.controllers.time_limit import TimeLimitExceeded, time_limit
+from gustproof.flight.controllers.user_controller import parse_controller
 
 VEHICLE = load_vehicle("paper")
 INPUTS = np.ones(3), np.zeros(3), np.zeros(3), 0.004

@@ -7,7 +7,7 @@ import pytest
 from firmware_model.mavlink.frames import RejectReason
 from firmware_model.types import AttitudeTarget, ImuSample, TorqueCommand
 from gustproof.flight.controllers.stepper import CheckedStepper
-from gustproof.flight.endpoint.core import Controller, sample_time
+from gustproof.flight.endpoint.core import ControllerCore, sample_time
 from gustproof.law.form import Law, Output, Provenance
 
 
@@ -33,12 +33,12 @@ def sample(time_us: int, roll_rate: float = 1.0) -> ImuSample:
 
 
 def test_first_answer_comes_from_the_stated_initial_state():
-    answer = Controller(integrator(), (10.0, 10.0, 10.0), 0.5).answer(sample(0))
+    answer = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5).answer(sample(0))
     assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
 
 
 def test_law_that_begins_afresh_answers_as_at_first():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     before = [controller.answer(sample(time_us)).torque_B for time_us in (0, 4000, 8000)]
     first = controller.answer(sample(12_000), reset=True).torque_B
     assert [first, *(controller.answer(sample(time_us)).torque_B for time_us in (16_000, 20_000))] == before
@@ -46,14 +46,14 @@ def test_law_that_begins_afresh_answers_as_at_first():
 
 
 def test_repeated_sample_does_not_begin_the_law_afresh():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(0), reset=True)
     controller.answer(sample(0), reset=True)
     assert controller.answer(sample(4000)).torque_B == (np.float32(0.1), 0.0, 0.0)
 
 
 def test_law_steps_once_a_stamp_and_repeats_its_answer():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(0))
     first = controller.answer(sample(4000))
     assert controller.answer(sample(4000)) == first
@@ -62,14 +62,14 @@ def test_law_steps_once_a_stamp_and_repeats_its_answer():
 
 
 def test_sample_from_the_past_is_stale():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.answer(sample(4000))
     assert controller.answer(sample(0)) is RejectReason.STALE
 
 
 @pytest.mark.parametrize("limit", [0.35, 1.5, 10.0])
 def test_fraction_is_the_float32_of_command_over_limit(limit):
-    controller = Controller(integrator(), (limit, limit, limit), 0.5)
+    controller = ControllerCore(integrator(), (limit, limit, limit), 0.5)
     controller.answer(sample(0, 0.123456789))
     answer = controller.answer(sample(4000))
     assert isinstance(answer, TorqueCommand)
@@ -77,14 +77,14 @@ def test_fraction_is_the_float32_of_command_over_limit(limit):
 
 
 def test_rates_are_sent_as_an_attitude_target_without_attitude():
-    controller = Controller(integrator(Output.RATES), (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(integrator(Output.RATES), (1.0, 1.0, 1.0), 0.5)
     controller.answer(sample(0, 0.1))
     answer = controller.answer(sample(4000))
     assert answer == AttitudeTarget(time_us=4000, q_NB=None, omega_B=(float(np.float32(0.1)), 0.0, 0.0), thrust=0.5)
 
 
 def test_command_stays_within_the_laws_limits():
-    controller = Controller(replace(integrator(), limits=np.full(3, 0.5)), (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(replace(integrator(), limits=np.full(3, 0.5)), (1.0, 1.0, 1.0), 0.5)
     controller.answer(sample(0, 100.0))
     answer = controller.answer(sample(4000))
     assert isinstance(answer, TorqueCommand)
@@ -96,7 +96,7 @@ def test_the_law_feels_the_force_of_the_sample():
     D = np.vstack([np.eye(2, 8, 6), np.zeros((1, 8))])
     law = replace(integrator(), B=np.zeros((3, 8)), D=D, limits=np.full(3, 20.0))
     tilted = sample(0)._replace(specific_force_B=(0.0, -9.8 * math.sin(0.2), -9.8 * math.cos(0.2)))
-    answer = Controller(law, (20.0, 20.0, 20.0), 0.5).answer(tilted)
+    answer = ControllerCore(law, (20.0, 20.0, 20.0), 0.5).answer(tilted)
     assert isinstance(answer, TorqueCommand)
     assert answer.torque_B == pytest.approx((0.01, 0.0, 0.0), rel=1e-6)
 
@@ -106,14 +106,14 @@ def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
     D = np.hstack([np.zeros((3, 3)), np.eye(3)])
     law = replace(integrator(), A=np.zeros((3, 3)), B=np.zeros((3, 6)), C=np.zeros((3, 3)), D=D)
     references = [(4000, (0.25, 0.0, 0.0)), (6000, (0.5, 0.0, 0.0)), (16_000, (0.75, 0.0, 0.0))]
-    controller = Controller(law, (1.0, 1.0, 1.0), 0.5, references)
+    controller = ControllerCore(law, (1.0, 1.0, 1.0), 0.5, references)
     asked = [controller.answer(sample(time_us)).torque_B[0] for time_us in (0, 4000, 8000)]
     asked += [controller.answer(sample(time_us), reset=True).torque_B[0] for time_us in (12_000, 16_000)]
     assert asked == [0.0, 0.25, 0.5, 0.5, 0.75]
 
 
 def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     for time_us in (1_000_000, 1_004_000, 1_012_000, 1_028_001):
         controller.answer(sample(time_us))
     assert controller.missed == 1 + 3
@@ -122,7 +122,7 @@ def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
 
 
 def test_estimate_without_a_start_is_not_corrected():
-    controller = Controller(integrator(), (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(integrator(), (1.0, 1.0, 1.0), 0.5)
     controller._law.correct = lambda *_: pytest.fail("corrected")
     controller.answer(sample(4000), reset=True)
     controller.correct((0.1, 0.0, 0.0), 0.02)
@@ -148,7 +148,7 @@ class Counting:
 
 @pytest.mark.parametrize(("output", "most"), [(Output.TORQUE, 1.0), (Output.RATES, 1.5)])
 def test_entry_steps_with_the_reference_and_only_torques_are_bounded(output, most):
-    controller = Controller(
+    controller = ControllerCore(
         CheckedStepper("count", Counting(), output, 0.004), (2.0, 1.0, 1.0), 0.5, [(0, (0.25,) * 3)]
     )
     commands = []
@@ -160,7 +160,7 @@ def test_entry_steps_with_the_reference_and_only_torques_are_bounded(output, mos
 
 
 def test_entry_begins_afresh_where_it_is_given_and_keeps_its_own_attitude():
-    controller = Controller(CheckedStepper("count", Counting(), Output.TORQUE, 0.004), (10.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(CheckedStepper("count", Counting(), Output.TORQUE, 0.004), (10.0, 1.0, 1.0), 0.5)
     steps = []
     for time_us, reset in ((4000, False), (8000, False), (12_000, True), (16_000, False)):
         controller.answer(sample(time_us), reset=reset, attitude=(0.1, 0.2, 0.3))
@@ -172,7 +172,7 @@ def test_entry_begins_afresh_where_it_is_given_and_keeps_its_own_attitude():
 def test_entry_without_a_sample_time_is_not_flown():
     entry = CheckedStepper("any", Counting())
     with pytest.raises(ValueError, match="'any' has no sample time"):
-        Controller(entry, (1.0, 1.0, 1.0), 0.5)
+        ControllerCore(entry, (1.0, 1.0, 1.0), 0.5)
     entry.dt = 0.002
     assert sample_time(entry) == 0.002
 
@@ -185,7 +185,7 @@ def counter() -> Law:
 
 
 def test_interpolating_law_takes_exact_stamps_as_they_are():
-    plain, between = (Controller(integrator(), (1.0, 1.0, 1.0), 0.5) for _ in range(2))
+    plain, between = (ControllerCore(integrator(), (1.0, 1.0, 1.0), 0.5) for _ in range(2))
     between.interpolating = True
     for k in range(50):
         taken = sample(1_000_000 + 4000 * k, 0.1 * math.sin(k))
@@ -193,7 +193,7 @@ def test_interpolating_law_takes_exact_stamps_as_they_are():
 
 
 def test_interpolating_law_steps_at_its_own_instants_between_samples():
-    controller = Controller(counter(), (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(counter(), (1.0, 1.0, 1.0), 0.5)
     controller.interpolating = True
     steps = []
     step = controller._law.step
@@ -205,7 +205,7 @@ def test_interpolating_law_steps_at_its_own_instants_between_samples():
 
 
 def test_lost_samples_are_bridged_by_interpolation_and_counted():
-    controller = Controller(integrator(), (10.0, 10.0, 10.0), 0.5)
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
     controller.interpolating = True
     for time_us in (100_000, 104_000, 120_000):
         controller.answer(sample(time_us, 1.0), reset=time_us == 100_000)
@@ -216,7 +216,7 @@ def test_lost_samples_are_bridged_by_interpolation_and_counted():
 def test_references_of_an_interpolating_law_count_from_its_start():
     D = np.hstack([np.zeros((3, 3)), np.eye(3)])
     law = replace(integrator(), A=np.zeros((3, 3)), B=np.zeros((3, 6)), C=np.zeros((3, 3)), D=D)
-    controller = Controller(law, (1.0, 1.0, 1.0), 0.5, [(0, (0.25, 0.0, 0.0)), (8000, (0.5, 0.0, 0.0))])
+    controller = ControllerCore(law, (1.0, 1.0, 1.0), 0.5, [(0, (0.25, 0.0, 0.0)), (8000, (0.5, 0.0, 0.0))])
     controller.interpolating = True
     asked = [controller.answer(sample(9_000_000 + 4000 * k), reset=k == 0).torque_B[0] for k in range(4)]
     assert asked == [0.25, 0.25, 0.5, 0.5]
@@ -232,7 +232,7 @@ def test_heading_of_the_estimate_turns_with_the_gyro_and_ignores_a_wander():
         G=np.vstack([0.004 * I, O]),
         H=np.zeros((6, 3)),
     )  # u = -E, of its own estimate
-    controller = Controller(law, (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(law, (1.0, 1.0, 1.0), 0.5)
     controller.answer(sample(4000, 0.0), reset=True, attitude=(0.0, 0.0, 3.0))
     for k in range(2, 1502):
         turned = 0.2 * 0.004 * (k - 1)
@@ -243,7 +243,7 @@ def test_heading_of_the_estimate_turns_with_the_gyro_and_ignores_a_wander():
 
 
 def test_long_gap_is_bridged_from_the_sample_before_it():
-    controller = Controller(counter(), (1.0, 1.0, 1.0), 0.5)
+    controller = ControllerCore(counter(), (1.0, 1.0, 1.0), 0.5)
     controller.interpolating = True
     steps = []
     step = controller._law.step

@@ -43,7 +43,7 @@ HOLD = (ModeChange(kind="mode", at_s=1.0, mode="hold"),)
 
 @pytest.fixture(scope="module")
 def records():
-    flown = fly_direct(SHORT, PLAN.pilot, vehicle=PLAN.vehicle, seed=7).copy()
+    flown = fly_direct(SHORT, PLAN.controller, vehicle=PLAN.vehicle, seed=7).copy()
     flown["mode"] = 6 << 16
     return flown
 
@@ -58,7 +58,7 @@ def write_journal(folder, records, header=None):
 def test_a_plan_goes_through_json_and_back_without_a_bit_lost():
     back = parse_plan(json.loads(json.dumps(PLAN.metadata())), "here")
     assert (back.scenario, back.vehicle, back.seed, back.real_time) == (SHORT, PLAN.vehicle, 7, False)
-    assert back.pilot.to_dict() == PLAN.pilot.to_dict()
+    assert back.controller.to_dict() == PLAN.controller.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -169,8 +169,8 @@ def test_check_refuses_a_body_that_can_not_be_before_and_after_a_payload():
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
     flown = Flight(
-        scenario=replace(SHORT, event=event), law=PLAN.pilot, vehicle=PLAN.vehicle, seed=7, outcome=FlightOutcome.DONE,
-        message="", records=records, timing={"missed_samples": missed},
+        scenario=replace(SHORT, event=event), law=PLAN.controller, vehicle=PLAN.vehicle, seed=7,
+        outcome=FlightOutcome.DONE, message="", records=records, timing={"missed_samples": missed},
     )  # fmt: skip
     assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.to_dict()["warnings"]) is warned
 
@@ -231,7 +231,7 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
 def test_a_flight_in_blocks_has_the_figures_of_one_block(monkeypatch, script, size):
     scenario = load_scenario(script)
     weak = replace(PAPER, gyro=replace(PAPER.gyro, range=0.5))
-    flown = fly_direct(scenario, PLAN.pilot, vehicle=weak)[:8000].copy()
+    flown = fly_direct(scenario, PLAN.controller, vehicle=weak)[:8000].copy()
     flown["mode"] = 6 << 16
     flown["mode"][[248, 249, 500, 700]] = 4 << 16
     told = []
@@ -239,7 +239,7 @@ def test_a_flight_in_blocks_has_the_figures_of_one_block(monkeypatch, script, si
         monkeypatch.setattr(record_blocks, "__defaults__", (block,))
         flight = Flight(
             scenario=scenario,
-            law=PLAN.pilot,
+            law=PLAN.controller,
             vehicle=weak,
             seed=7,
             records=flown,
@@ -305,7 +305,7 @@ def test_jitter_and_passing_delays_are_warned_of(table):
 def test_upsets_of_a_flight_are_among_its_warnings(records):
     turned = records.copy()
     turned["q_NB"][250] = 0.0, 1.0, 0.0, 0.0
-    for law in (PLAN.pilot, None):
+    for law in (PLAN.controller, None):
         flight = Flight(
             scenario=SHORT, law=law, vehicle=PLAN.vehicle, seed=7, records=turned,
             outcome=FlightOutcome.DONE, message="",

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_controller, split_command
+from gustproof.flight.controllers.user_controller import parse_controller, split_command
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.programs import controller_command, describe_start, refine_outcome
 

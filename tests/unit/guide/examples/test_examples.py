@@ -9,10 +9,10 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.guide.examples import geometric, geometric_lead, mpc, rotor_indi
 
 DT, LEVEL = 0.004, (0.0, 0.0, 0.0)
@@ -35,7 +35,7 @@ def source(request) -> str:
 @pytest.mark.parametrize("delay_samples", [1, 2])
 def test_an_example_holds_the_vehicle_from_its_file(source, delay_samples):
     entry = parse_controller(str(files("gustproof.guide") / "examples" / source))
-    flight = fly_pilot(replace(AIR, delay_samples=delay_samples), entry, vehicle=load_vehicle("paper"))
+    flight = fly_controller(replace(AIR, delay_samples=delay_samples), entry, vehicle=load_vehicle("paper"))
     assert flight.outcome is FlightOutcome.DONE
     assert abs(flight.records["omega_B"]).max() < 0.2  # [rad/s]
 

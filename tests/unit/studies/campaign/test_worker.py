@@ -7,9 +7,9 @@ from firmware_model.config.events import Payload
 from firmware_model.config.link_faults import LinkDelay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import parse_controller
+from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
 from gustproof.studies.campaign.plan import DispersionKind, parse_campaign, trust
@@ -105,7 +105,9 @@ def test_an_entry_flies_beside_laws_and_its_failures_are_results(planned, tmp_pa
     assert all("raised ValueError: lost (mine.py:12)" in row["failure"] for row in rows if row["failure"])
     assert [row["rmse_deg"] is None for row in rows] == failed
     again = CampaignRun(tmp_path / "mc.parquet", campaign, rows[failed.index(False)]).plan
-    flight = fly_pilot(again.scenario, again.pilot, vehicle=again.vehicle, seed=again.seed, nominal=again.nominal)
+    flight = fly_controller(
+        again.scenario, again.controller, vehicle=again.vehicle, seed=again.seed, nominal=again.nominal
+    )
     figures = measure(flight.records, again.vehicle, again.scenario, 0.0)
     assert figures.rmse_deg == rows[failed.index(False)]["rmse_deg"]
     (tmp_path / "mine.py").write_text(LOSES_ITSELF + "\n")

@@ -58,4 +58,4 @@ def unflown(monkeypatch) -> None:
     def refuse(*_: Any, **__: Any) -> None:
         raise DesignError("not measured")
 
-    monkeypatch.setattr(study, "measure_price", refuse)
+    monkeypatch.setattr(study, "measure_operating_point", refuse)

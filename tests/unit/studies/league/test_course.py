@@ -7,7 +7,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.law.form import load_law
 from gustproof.studies.league.course import COURSE, FLEET, WORST_DEG, fit_scenario, load_course
-from gustproof.studies.league.entrants import ROSTER, Entrant, make_pilot, parse_entrant
+from gustproof.studies.league.entries import ROSTER, LeagueEntry, make_controller, parse_league_entry
 
 
 def test_course_has_a_score_in_each_of_its_twenty_scenarios() -> None:
@@ -39,25 +39,25 @@ def test_scenario_that_leaves_no_hover_is_not_scored(name: str, flown: set) -> N
 @pytest.mark.parametrize("source", ["no-such-law", "flagship@", "flagship@high", "exec: node mine.mjs", "mine.py"])
 def test_source_that_names_nothing_is_one_line(source: str) -> None:
     with pytest.raises(ConfigError, match="--entry") as caught:
-        parse_entrant(source)
+        parse_league_entry(source)
     assert "\n" not in str(caught.value)
 
 
 def test_roster_can_be_entered() -> None:
-    assert [parse_entrant(each).name for each in ROSTER] == list(ROSTER)
+    assert [parse_league_entry(each).name for each in ROSTER] == list(ROSTER)
 
 
 def test_shipped_law_flies_its_own_vehicle_and_a_file_takes_the_name_of_each(tmp_path) -> None:
     paper = load_vehicle_set("paper")
-    assert make_pilot(parse_entrant("flagship"), paper).to_dict() == load_law("flagship").to_dict()
+    assert make_controller(parse_league_entry("flagship"), paper).to_dict() == load_law("flagship").to_dict()
     load_law("hinf-d2").save(tmp_path / "mine-paper.json")
-    mine = parse_entrant(f"{tmp_path}/mine-{{vehicle}}.json")
-    assert mine == Entrant(name="mine", source=f"{tmp_path}/mine-{{vehicle}}.json")
-    assert make_pilot(mine, paper).to_dict() == load_law("hinf-d2").to_dict()
+    mine = parse_league_entry(f"{tmp_path}/mine-{{vehicle}}.json")
+    assert mine == LeagueEntry(name="mine", source=f"{tmp_path}/mine-{{vehicle}}.json")
+    assert make_controller(mine, paper).to_dict() == load_law("hinf-d2").to_dict()
 
 
 def test_an_example_of_the_guide_is_entered_by_its_path() -> None:
     for source, name in (("geometric_lead.py:make", "geometric-lead"), ("rotor_indi.py:make", "rotor-indi")):
-        entrant = parse_entrant(str(files("gustproof.guide") / "examples" / source))
-        pilot = make_pilot(entrant, load_vehicle_set("octo"))
-        assert (entrant.name, pilot.source) == (name, entrant.source)
+        entry = parse_league_entry(str(files("gustproof.guide") / "examples" / source))
+        controller = make_controller(entry, load_vehicle_set("octo"))
+        assert (entry.name, controller.source) == (name, entry.source)

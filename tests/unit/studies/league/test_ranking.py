@@ -7,14 +7,14 @@ from gustproof.studies.league.ranking import CLIP, OperatingPoint, classify, com
 
 
 def scores_of(*means: float, cells: int = 5, runs: int = 8, scatter: float = 0.01) -> np.ndarray:
-    """Return scores of entrants whose true means are known, with a scatter in common and one of their own."""
+    """Return scores of entries whose true means are known, with a scatter in common and one of their own."""
     generator = np.random.default_rng(1)
     shared = generator.normal(0.0, 0.2, (1, cells, runs))
     own = generator.normal(0.0, scatter, (len(means), cells, runs))
     return np.array(means)[:, None, None] + shared + own
 
 
-def test_entrants_that_differ_by_more_than_their_scatter_have_ranks_of_their_own() -> None:
+def test_entrys_that_differ_by_more_than_their_scatter_have_ranks_of_their_own() -> None:
     found = compute_standings(scores_of(math.log(0.8), 0.0, math.log(1.2)))
     assert found.ranks(range(3)) == [1, 2, 3]
     assert found.pairs[0][1].value == pytest.approx(0.8, rel=0.02)
@@ -22,7 +22,7 @@ def test_entrants_that_differ_by_more_than_their_scatter_have_ranks_of_their_own
     assert found.pairs[1][0].low == pytest.approx(1.0 / found.pairs[0][1].high)
 
 
-def test_entrants_that_cannot_be_told_apart_share_a_rank() -> None:
+def test_entrys_that_cannot_be_told_apart_share_a_rank() -> None:
     found = compute_standings(scores_of(0.0, 0.0005, 1.0, scatter=0.1))
     assert found.ranks(range(3)) == [1, 1, 3]
     assert found.ranks([1, 2]) == [1, 2]

@@ -12,7 +12,7 @@ from gustproof.law.form import load_law
 from gustproof.show.report.html.league_page import render_league_page
 from gustproof.show.report.league import describe_failures
 from gustproof.studies.league.course import load_course
-from gustproof.studies.league.entrants import parse_entrant
+from gustproof.studies.league.entries import parse_league_entry
 from gustproof.studies.league.study import LeaguePlan, fly_league
 
 
@@ -20,7 +20,7 @@ from gustproof.studies.league.study import LeaguePlan, fly_league
 def plan(unflown) -> LeaguePlan:
     """Return a league of two laws."""
     return LeaguePlan(
-        entrants=(parse_entrant("hinf-d1"), parse_entrant("pid-fair")),
+        entries=(parse_league_entry("hinf-d1"), parse_league_entry("pid-fair")),
         vehicles=(load_vehicle_set("paper"),),
         scenarios=tuple(load_course(["turbulence-severe", "failed-rotor"])),
         runs=2,
@@ -44,7 +44,7 @@ def test_more_entries_and_more_flights_fly_what_is_new_alone(plan, here, tmp_pat
     fly_league(plan, tmp_path / "work", here())
     pool = here()
     more = replace(
-        plan, entrants=(parse_entrant("hinf-d2"), plan.entrants[0])
+        plan, entries=(parse_league_entry("hinf-d2"), plan.entries[0])
     )  # the reference flies, and does not rank
     league = fly_league(more, tmp_path / "work", pool)
     assert pool.labels == ["_tune hinf-d2", "_measure hinf-d2", "pretend hinf-d2"]
@@ -57,7 +57,7 @@ def test_more_entries_and_more_flights_fly_what_is_new_alone(plan, here, tmp_pat
 
 def test_page_and_json_tell_the_ranking_and_what_was_not_measured(plan, here, tmp_path) -> None:
     load_law("hinf-d2").save(tmp_path / "tumbler.json")
-    plan = replace(plan, entrants=(*plan.entrants, parse_entrant(f"{tmp_path}/tumbler.json")))
+    plan = replace(plan, entries=(*plan.entries, parse_league_entry(f"{tmp_path}/tumbler.json")))
     league = fly_league(plan, tmp_path / "work", here())
     page = render_league_page(league)
     for text in ("hinf-d1", "not measured", "seed 1", "failed-rotor, paper"):
@@ -73,7 +73,7 @@ def test_page_and_json_tell_the_ranking_and_what_was_not_measured(plan, here, tm
     ]
 
 
-def test_entrant_that_kills_its_workers_fails_and_the_others_fly(plan, here, tmp_path) -> None:
+def test_entry_that_kills_its_workers_fails_and_the_others_fly(plan, here, tmp_path) -> None:
     league = fly_league(plan, tmp_path / "work", here(deadly="_measure hinf-d1"))
     assert (league.points[0][0].refused, league.points[1][0].refused) == ("its process died", "not measured")
     again = here()

@@ -10,8 +10,8 @@ import pytest
 from firmware_model.config.scenario import GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import Dryden, MomentSine, MomentStep
-from gustproof.flight.controllers.entry import parse_controller
-from gustproof.flight.routes.pilots import fly_pilot
+from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.law.form import load_law
 from gustproof.studies.worst_case.moment_search import PAPER_BUDGET, WorstCase, peaks_deg, worst_case
 from gustproof.studies.worst_case.shrink import SmallestCase, shrink_case
@@ -43,7 +43,7 @@ def make():
 def flown(vehicle=VEHICLE, **changes) -> WorstCase:
     script = {"duration_s": 1.6, "moment": MOMENTS, "gyro": GyroFault(noise=False), **changes}
     scenario = Scenario(name="worst", description="by hand", **script)
-    peaks = peaks_deg(fly_pilot(scenario, LAW, vehicle=vehicle).records, scenario, vehicle)
+    peaks = peaks_deg(fly_controller(scenario, LAW, vehicle=vehicle).records, scenario, vehicle)
     return WorstCase(
         scenario=scenario, vehicle=vehicle, seed=1, peak_deg=max(peaks), peaks_deg=peaks, linear_deg=0.0, start="hand",
         start_deg=0.0, flights=1,
@@ -52,7 +52,7 @@ def flown(vehicle=VEHICLE, **changes) -> WorstCase:
 
 def shrunk(found: WorstCase, target_deg: float, **options) -> SmallestCase:
     small = shrink_case(found, LAW, vehicle=VEHICLE, budget=PAPER_BUDGET, target_deg=target_deg, **options)
-    again = fly_pilot(small.scenario, LAW, vehicle=small.vehicle, seed=small.seed).records
+    again = fly_controller(small.scenario, LAW, vehicle=small.vehicle, seed=small.seed).records
     assert max(peaks_deg(again, small.scenario, small.vehicle)) == small.peak_deg >= target_deg
     assert np.all(np.abs(again["moment_B"]) <= PAPER_BUDGET)
     return small

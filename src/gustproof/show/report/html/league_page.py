@@ -13,7 +13,7 @@ from gustproof.show.report.html.markup import fill_page, read_asset, render_chip
 from gustproof.show.report.league import describe_failures, format_interval, format_number
 from gustproof.studies.campaign.intervals import CONFIDENCE
 from gustproof.studies.league.course import WORST_DEG
-from gustproof.studies.league.entrants import REFERENCE
+from gustproof.studies.league.entries import REFERENCE
 from gustproof.studies.league.ranking import CLASSES, CLIP, TOLERANCE
 from gustproof.studies.league.study import League
 from gustproof.version import __version__
@@ -27,7 +27,7 @@ def write_league_page(league: League, output: Path) -> None:
 def render_league_page(league: League) -> str:
     """Return the page as HTML."""
     plan, names = league.plan, ", ".join(each.nominal.name for each in league.plan.vehicles)
-    about = f"{len(plan.entrants)} entries, {len(plan.scenarios)} scenarios, vehicles {names}: {len(league.cells)}"
+    about = f"{len(plan.entries)} entries, {len(plan.scenarios)} scenarios, vehicles {names}: {len(league.cells)}"
     parts = {
         "title": "League of gust rejection",
         "policy": "style-src 'unsafe-inline'; img-src data:",
@@ -46,7 +46,7 @@ def _render_ranking(league: League) -> str:
     rows, marks = [], []
     for i in league.order:
         (rank, within), score = league.ranks[i], league.standings.ratios[i]
-        told, name = format_interval(score), league.plan.entrants[i].name
+        told, name = format_interval(score), league.plan.entries[i].name
         rows.append([_render_entry(league, i), f"{rank}", f"{league.classes[i]}, {within}", escape(told)])
         is_first = i == league.order[0]
         marks.append(ForestRow(i, name, ((score, "disc"),), format_number(score.value), f"score {told}", is_first))
@@ -133,7 +133,7 @@ def _names(league: League, order: Sequence[int]) -> list[str]:
 
 
 def _render_entry(league: League, i: int) -> str:
-    return render_chip(i, league.plan.entrants[i].name)
+    return render_chip(i, league.plan.entries[i].name)
 
 
 def _note(text: str) -> str:

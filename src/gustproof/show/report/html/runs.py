@@ -47,14 +47,14 @@ def read_runs(paths: Iterable[Path]) -> tuple[ReportRun, ...]:
 def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) -> ReportRun:
     if about.get("law", ...) is None and not (about.get("autopilot") or about.get("controller")):
         raise ConfigError(f"{bag}: flown by a controller of its own; a page needs its law")
-    scenario, pilot, vehicle, seed, _ = parse_metadata(about, bag)
+    scenario, controller, vehicle, seed, _ = parse_metadata(about, bag)
     try:
         outcome, versions = FlightOutcome[str(about["outcome"]).upper()], dict(about["versions"])
         timing = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    flown: dict[str, Any] = {"scenario": scenario, **by_kind(pilot), "vehicle": vehicle, "seed": seed}
-    if pilot is None:
+    flown: dict[str, Any] = {"scenario": scenario, **by_kind(controller), "vehicle": vehicle, "seed": seed}
+    if controller is None:
         parse_autopilot(about["autopilot"], bag)
         flown |= {"autopilot": about["autopilot"], "estimates": read_estimate_topics(bag)}
     reason = (flown.get("autopilot") or {}).get("reason")
@@ -65,7 +65,7 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
-    """Return the pilot of each flight, with scenario, vehicle and seed where they differ."""
+    """Return the controller of each flight, with scenario, vehicle and seed where they differ."""
     parts = [[_name_of(about, next(filter(about.get, _PILOTS), _PILOTS[0]))] for about in flights]
     for key in ("scenario", "vehicle", "seed"):
         values = [_name_of(about, key) for about in flights]

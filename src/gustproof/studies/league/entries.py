@@ -1,4 +1,4 @@
-"""Entrants of the league: a name or a file each, and the pilot that it means for a vehicle."""
+"""Entries of the league: a name or a file each, and the controller that it means for a vehicle."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from gustproof.design.literature.tuned import tune_baseline
 from gustproof.design.shipped import PAPER_BANDWIDTH
 from gustproof.design.structures import BASELINES, LawKind
 from gustproof.design.tune import SENSITIVITY_PEAK, tune_law
-from gustproof.flight.controllers.entry import ControllerKind, Pilot, parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.controllers.user_controller import Controller, ControllerKind, parse_controller
 from gustproof.law.form import Law, list_laws, load_law
 from gustproof.law.write.matrices import read_law
 
 VEHICLE_FIELD = "{vehicle}"
 """Part of a file's name that stands for the name of the vehicle."""
 REFERENCE = "pid-fair"
-"""Entrant whose error on a vehicle is the unit of the score there."""
+"""Entry whose error on a vehicle is the unit of the score there."""
 ALL = "all"
 """Source that stands for the whole `ROSTER`."""
 ROSTER = (
@@ -36,14 +36,14 @@ ROSTER = (
     "hinf-d2",
     *BASELINES,
 )
-"""Sources of the entrants by default."""
+"""Sources of the entries by default."""
 _KINDS = {REFERENCE: LawKind.PID, **{kind.value: kind for kind in LawKind}}
 _Tuner = Callable[[VehicleSet, float], Law]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entrant:
-    """An entry as its user names it."""
+class LeagueEntry:
+    """A controller as its user enters it."""
 
     name: str
     """Name in tables."""
@@ -56,8 +56,8 @@ def tuning_air() -> Scenario:
     return load_scenario("paper-turbulence")
 
 
-def parse_entrant(source: str) -> Entrant:
-    """Return the entrant of a text: a law's name, NAME@PEAK, a law file, or what `parse_controller` takes.
+def parse_league_entry(source: str) -> LeagueEntry:
+    """Return the entry of a text: a law's name, NAME@PEAK, a law file, or what `parse_controller` takes.
 
     Raises
     ------
@@ -67,24 +67,24 @@ def parse_entrant(source: str) -> Entrant:
     name, at, peak = source.partition("@")
     if at and name in _tuners():
         _parse_peak(source, peak)
-        return Entrant(name=source, source=source)
+        return LeagueEntry(name=source, source=source)
     if source in _tuners():
-        return Entrant(name=source, source=source)
+        return LeagueEntry(name=source, source=source)
     if is_law_file(source):
-        return Entrant(name=Path(source.replace(VEHICLE_FIELD, "")).stem.strip("-_."), source=source)
+        return LeagueEntry(name=Path(source.replace(VEHICLE_FIELD, "")).stem.strip("-_."), source=source)
     try:
-        entry = parse_controller(source.replace(VEHICLE_FIELD, "paper"))
+        brought = parse_controller(source.replace(VEHICLE_FIELD, "paper"))
     except ConfigError as error:
         known = ", ".join(_tuners())
         raise ConfigError(f"--entry '{source}': no law, file or object of that name ({error}); laws: {known}") from None
-    if entry.kind is ControllerKind.PROGRAM:
+    if brought.kind is ControllerKind.PROGRAM:
         raise ConfigError(f"--entry '{source}': programs fly in `fly` and `worst-case`, the league takes what repeats")
-    return Entrant(name=entry.name.replace("_", "-"), source=source)
+    return LeagueEntry(name=brought.name.replace("_", "-"), source=source)
 
 
-def parse_entrants(sources: Iterable[str]) -> tuple[Entrant, ...]:
-    """Return the entrants of some texts, of which `ALL` stands for the roster; see `parse_entrant`."""
-    return tuple(parse_entrant(name) for each in sources for name in (ROSTER if each == ALL else (each,)))
+def parse_league_entries(sources: Iterable[str]) -> tuple[LeagueEntry, ...]:
+    """Return the entries of some texts, of which `ALL` stands for the roster; see `parse_league_entry`."""
+    return tuple(parse_league_entry(name) for each in sources for name in (ROSTER if each == ALL else (each,)))
 
 
 def is_law_file(source: str) -> bool:
@@ -92,19 +92,19 @@ def is_law_file(source: str) -> bool:
     return Path(source).suffix in (".json", ".mat") or Path(source).is_dir()
 
 
-def make_pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
-    """Return what flies for an entrant on a vehicle; a law that is not shipped for it is tuned.
+def make_controller(entry: LeagueEntry, vehicles: VehicleSet) -> Controller:
+    """Return what flies for an entry on a vehicle; a law that is not shipped for it is tuned.
 
     A Python object is made once and a library loaded, so that mistakes are told before the first flight.
 
     Raises
     ------
     DesignError
-        If no law of that kind is found for the vehicle at its price.
+        If no law of that kind is found for the vehicle within its limits.
     ConfigError, LawFileError
         If a file is wrong.
     """
-    source, vehicle = entrant.source.replace(VEHICLE_FIELD, vehicles.nominal.name), vehicles.nominal
+    source, vehicle = entry.source.replace(VEHICLE_FIELD, vehicles.nominal.name), vehicles.nominal
     name, at, peak = source.partition("@")
     if not at and name in list_laws() and (law := load_law(name)).provenance.vehicle == vehicle.name:
         return law
@@ -112,14 +112,14 @@ def make_pilot(entrant: Entrant, vehicles: VehicleSet) -> Pilot:
         return _tuners()[name](vehicles, _parse_peak(source, peak) if at else SENSITIVITY_PEAK)
     if is_law_file(source):
         return read_law(source)
-    entry = parse_controller(source)
-    make_stepper(entry, vehicle)
-    return entry
+    brought = parse_controller(source)
+    make_stepper(brought, vehicle)
+    return brought
 
 
-def is_tuned(entrant: Entrant) -> bool:
-    """Return whether an entrant's laws are searched here, and worth keeping."""
-    return entrant.source.partition("@")[0] in _tuners()
+def is_tuned(entry: LeagueEntry) -> bool:
+    """Return whether an entry's laws are searched here, and worth keeping."""
+    return entry.source.partition("@")[0] in _tuners()
 
 
 def _parse_peak(source: str, text: str) -> float:

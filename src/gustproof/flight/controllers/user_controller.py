@@ -78,7 +78,7 @@ def refuse_named(where: object, program: str, line: str) -> ConfigError:
     return ConfigError(f"{flown} {program}; if you trust it, add: {line}")
 
 
-Pilot = Law | UserController
+Controller = Law | UserController
 """Whatever computes the commands of a flight here."""
 
 

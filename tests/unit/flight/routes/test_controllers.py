@@ -10,12 +10,12 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.config.waveforms import MomentStep
 from gustproof.flight.controllers import stepper
-from gustproof.flight.controllers.entry import parse_controller
 from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.routes.batch import Case, fly_many
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct, fly_stepper
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.pilots import fly_pilot
 from gustproof.law.form import load_law
 from gustproof.law.write.c import save_c
 
@@ -88,7 +88,7 @@ def entry(tmp_path):
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_python_object_flies_the_bits_of_the_law_that_it_computes(entry, delay):
     scenario = replace(SHORT, delay_samples=delay)
-    flown = fly_pilot(scenario, entry(SAME_LAW), vehicle=VEHICLE, seed=3)
+    flown = fly_controller(scenario, entry(SAME_LAW), vehicle=VEHICLE, seed=3)
     assert flown.outcome is FlightOutcome.DONE
     assert flown.records.tobytes() == fly_direct(scenario, LAW, vehicle=VEHICLE, seed=3).tobytes()
 
@@ -103,7 +103,7 @@ def test_a_python_object_flies_the_bits_of_the_law_that_it_computes(entry, delay
 )
 def test_a_controller_that_fails_leaves_its_records_and_a_named_end(entry, monkeypatch, end, outcome, words):
     monkeypatch.setattr(stepper, "STEP_LIMIT_S", 0.05)
-    flown = fly_pilot(SHORT, entry(FAILING.format(end=end)), vehicle=VEHICLE)
+    flown = fly_controller(SHORT, entry(FAILING.format(end=end)), vehicle=VEHICLE)
     assert flown.outcome is outcome
     assert words in flown.message
     assert len(flown.records) == 10
@@ -114,7 +114,7 @@ def test_a_maker_gets_the_nominal_vehicle_not_the_flown_one(entry):
     text = (
         FAILING.format(end="pass") + "\ndef make(vehicle):\n    assert vehicle.name == 'iris'\n    return Failing()\n"
     )
-    flown = fly_pilot(SHORT, entry(text), vehicle=VEHICLE, nominal=load_vehicle("iris"))
+    flown = fly_controller(SHORT, entry(text), vehicle=VEHICLE, nominal=load_vehicle("iris"))
     assert flown.outcome is FlightOutcome.DONE
 
 
@@ -123,7 +123,7 @@ def test_a_maker_gets_the_nominal_vehicle_not_the_flown_one(entry):
 def test_exported_c_flies_the_bits_of_its_law(tmp_path, compiler, name):
     save_c(load_law(name), tmp_path / "law.c")
     library = compile_library(compiler, tmp_path / "law.c")
-    flown = fly_pilot(SHORT, library, vehicle=VEHICLE, seed=3)
+    flown = fly_controller(SHORT, library, vehicle=VEHICLE, seed=3)
     records = fly_direct(SHORT, load_law(name), vehicle=VEHICLE, seed=3)
     assert flown.records.tobytes() == records.tobytes()
     by_object, failure = fly_stepper(SHORT, make_stepper(library, VEHICLE), vehicle=VEHICLE, seed=3)
@@ -146,7 +146,7 @@ def test_exported_c_flies_in_lanes_with_the_bits_of_its_law(tmp_path, compiler, 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 def test_c_that_commands_nan_ends_by_name(tmp_path):
     (tmp_path / "lost.c").write_text(LOST)
-    flown = fly_pilot(SHORT, compile_library("gcc", tmp_path / "lost.c"), vehicle=VEHICLE)
+    flown = fly_controller(SHORT, compile_library("gcc", tmp_path / "lost.c"), vehicle=VEHICLE)
     assert flown.outcome is FlightOutcome.CONTROLLER_NOT_FINITE
     assert len(flown.records) == 10
     assert "commanded 0, 0, nan" in flown.message

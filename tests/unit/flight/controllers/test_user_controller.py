@@ -3,14 +3,14 @@ import sys
 import pytest
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.entry import (
+from gustproof.flight.controllers.library import load_library
+from gustproof.flight.controllers.stepper import make_stepper
+from gustproof.flight.controllers.user_controller import (
     ControllerKind,
     confirm_controller,
     parse_controller,
     parse_controller_metadata,
 )
-from gustproof.flight.controllers.library import load_library
-from gustproof.flight.controllers.stepper import make_stepper
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Fly any pilot and name the end of its flight: in this process, or by MAVLink in lockstep if it is a program."""
+"""Fly any controller and name the end of its flight: in this process, or by MAVLink in lockstep if it is a program."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,9 +6,9 @@ from tempfile import TemporaryDirectory
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.flight.controllers.entry import ControllerKind, Pilot, UserController
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
+from gustproof.flight.controllers.user_controller import Controller, ControllerKind, UserController
 from gustproof.flight.routes.direct import fly_direct, fly_library, fly_stepper
 from gustproof.flight.routes.loopback import fly_by_messages, fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
@@ -17,7 +17,7 @@ from gustproof.types import Records
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PilotFlight:
+class ControllerFlight:
     """Result of a pilot's flight."""
 
     records: Records
@@ -28,9 +28,9 @@ class PilotFlight:
     """Outcome in one line, for people."""
 
 
-def fly_pilot(
-    scenario: Scenario, pilot: Pilot, *, vehicle: Vehicle, seed: int = 1, nominal: Vehicle | None = None
-) -> PilotFlight:
+def fly_controller(
+    scenario: Scenario, controller: Controller, *, vehicle: Vehicle, seed: int = 1, nominal: Vehicle | None = None
+) -> ControllerFlight:
     """Fly a scenario with a law or an entry and return what was flown, whatever its end.
 
     The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown. If a
@@ -44,22 +44,24 @@ def fly_pilot(
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from gustproof import fly_pilot, load_law, load_scenario, load_vehicle
+    >>> from gustproof import fly_controller, load_law, load_scenario, load_vehicle
     >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
-    >>> fly_pilot(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
+    >>> fly_controller(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")).message
     'flown to the end'
     """
-    if isinstance(pilot, UserController) and pilot.kind is ControllerKind.PROGRAM:
+    if isinstance(controller, UserController) and controller.kind is ControllerKind.PROGRAM:
         with TemporaryDirectory() as folder:
-            flight = fly(scenario, pilot, vehicle=vehicle, seed=seed, out=Path(folder))
-            return PilotFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
-    if isinstance(pilot, UserController):
-        return _fly_entry(scenario, pilot, vehicle, seed, vehicle if nominal is None else nominal)
+            flight = fly(scenario, controller, vehicle=vehicle, seed=seed, out=Path(folder))
+            return ControllerFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
+    if isinstance(controller, UserController):
+        return _fly_entry(scenario, controller, vehicle, seed, vehicle if nominal is None else nominal)
     route = fly_loopback if scenario.has_link_script else fly_direct
-    return _end(scenario, route(scenario, pilot, vehicle=vehicle, seed=seed), None)
+    return _end(scenario, route(scenario, controller, vehicle=vehicle, seed=seed), None)
 
 
-def _fly_entry(scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle) -> PilotFlight:
+def _fly_entry(
+    scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle
+) -> ControllerFlight:
     if scenario.has_link_script:
         made = make_stepper(entry, nominal, scenario.dt)
         return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
@@ -70,9 +72,9 @@ def _fly_entry(scenario: Scenario, entry: UserController, vehicle: Vehicle, seed
     return _end(scenario, *fly_stepper(scenario, make_stepper(entry, nominal), vehicle=vehicle, seed=seed))
 
 
-def _end(scenario: Scenario, records: Records, failure: StepError | None) -> PilotFlight:
+def _end(scenario: Scenario, records: Records, failure: StepError | None) -> ControllerFlight:
     outcome = infer_outcome(records, scenario)
     if failure is not None and outcome is not FlightOutcome.DIVERGED:
         outcome = FlightOutcome[f"CONTROLLER_{failure.fault.name}"]
-        return PilotFlight(records=records, outcome=outcome, message=f"{outcome.value} ({failure})")
-    return PilotFlight(records=records, outcome=outcome, message=describe(outcome, scenario, records))
+        return ControllerFlight(records=records, outcome=outcome, message=f"{outcome.value} ({failure})")
+    return ControllerFlight(records=records, outcome=outcome, message=describe(outcome, scenario, records))
