@@ -1,5 +1,6 @@
 """The import contracts of pyproject.toml hold, and flying modules start without the heavy packages."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,3 +23,10 @@ def test_what_flies_loads_no_design_or_plotting_package() -> None:
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     assert "numba" in loaded
     assert not {"control", "matplotlib", "rosbags", "slycot"} & set(loaded)
+
+
+def test_the_checker_names_its_types() -> None:
+    files = (ROOT / "src" / "gustproof" / "checker").glob("*.py")
+    assert not [
+        path.name for path in files if re.search(r"^from typing import.*\bAny\b", path.read_text(), re.MULTILINE)
+    ]

@@ -11,10 +11,20 @@ import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from gustproof.checker.evidence_types import (
+    AnyGainEvidence,
+    ConstrainedGainEvidence,
+    GainEvidence,
+    LoopEvidence,
+    Matrix,
+    MultiplierTable,
+    SlowGainEvidence,
+    SystemMatrices,
+)
 from gustproof.checker.quadratic_constraints import ConstraintFilter, constraint_form, kind_of, make_filter, needs_rate
 from gustproof.checker.rational import (
     RationalMatrix,
@@ -124,13 +134,15 @@ def vertices(count: int) -> Iterator[Vertex]:
     yield from (Vertex(signs, speeds) for signs in corners for speeds in corners)
 
 
-def lyapunov_matrix(evidence: dict[str, Any], P: Sequence[Sequence[float | Fraction]]) -> RationalMatrix:
+def lyapunov_matrix(evidence: LoopEvidence, P: Matrix) -> RationalMatrix:
     """Return a Lyapunov matrix in the system's coordinates, from the evidence's coordinates."""
     coordinates = to_rational(evidence["coordinates"])
     return multiply(transpose(coordinates), multiply(to_rational(P), coordinates))
 
 
-def gain_inequality(level: Fraction, evidence: dict[str, Any], share: Fraction = Fraction(0)) -> Ball:
+def gain_inequality(
+    level: Fraction, evidence: GainEvidence | ConstrainedGainEvidence, share: Fraction = Fraction(0)
+) -> Ball:
     """Return a matrix whose definiteness proves the L2 gain from w to z below `level`, for Delta of any speed.
 
     Numbers of the system are within `share` of the largest of their row and column.
@@ -152,7 +164,7 @@ def gain_inequality(level: Fraction, evidence: dict[str, Any], share: Fraction =
     return _times(-1, ball_sum(storage, system.supply(level), *system.constraint_terms(evidence["blocks"])))
 
 
-def stability_inequality(evidence: dict[str, Any], share: Fraction = Fraction(0)) -> Ball:
+def stability_inequality(evidence: ConstrainedGainEvidence, share: Fraction = Fraction(0)) -> Ball:
     """Return a matrix whose definiteness, with that of `stability`, proves the system and its filters stable alone.
 
     `gain_inequality` then needs no definite P: it is the lemma of Kalman, Yakubovich and Popov for constraints on
@@ -171,7 +183,7 @@ def stability_inequality(evidence: dict[str, Any], share: Fraction = Fraction(0)
 
 
 def rate_bounded_inequalities(
-    level: Fraction, evidence: dict[str, Any], share: Fraction = Fraction(0)
+    level: Fraction, evidence: SlowGainEvidence, share: Fraction = Fraction(0)
 ) -> Iterator[Ball]:
     """Yield a matrix for each of `vertices`; if all are positive definite, the gain is proved for slow parameters.
 
@@ -192,8 +204,8 @@ def rate_bounded_inequalities(
     for vertex, scalings in zip(vertices(len(slow)), evidence["vertices"], strict=True):
         signs = vertex.signs
         rates = []
-        for i, speed in enumerate(vertex.speeds):
-            factor = speed * signs[i] * Fraction(evidence["blocks"][slow[i]]["speed"])
+        for i, (sign, bound) in enumerate(zip(vertex.speeds, slow.values(), strict=True)):
+            factor = sign * signs[i] * Fraction(bound)
             rates += [scale(sign_product(S, signs) * factor, term) for S, term in enumerate(P) if S >> i & 1]
         errors = Ball([], [])
         for block, sign in zip(slow, signs, strict=True):
@@ -205,9 +217,9 @@ def rate_bounded_inequalities(
         yield _times(-1, ball_sum(storage, cross, _transpose(cross), supply, *system.constraint_terms(scalings)))
 
 
-def rate_bounded_blocks(evidence: dict[str, Any]) -> list[int]:
-    """Return the indices of the blocks with a bound on their speed."""
-    return [i for i, block in enumerate(evidence["blocks"]) if block["speed"] is not None]
+def rate_bounded_blocks(evidence: SlowGainEvidence) -> dict[int, float]:
+    """Return the bounds on speed [1/s] of the blocks that have one, by their indices."""
+    return {i: speed for i, block in enumerate(evidence["blocks"]) if (speed := block["speed"]) is not None}
 
 
 def corner(P: Sequence[RationalMatrix], signs: tuple[int, ...]) -> RationalMatrix:
@@ -229,12 +241,12 @@ class _System:
     coordinates: balanced, where what rounding does to the forms is smallest.
     """
 
-    def __init__(self, evidence: dict[str, Any], share: Fraction) -> None:
+    def __init__(self, evidence: AnyGainEvidence, share: Fraction) -> None:
         self._blocks = evidence["blocks"]
         self.rows = _slices(0, [block["size"] for block in self._blocks])
         k, slow = self.rows[-1].stop, "vertices" in evidence
         filters = [ConstraintFilter([], []) if slow else make_filter(block) for block in self._blocks]
-        A, B, C, D = _read_system(evidence, k)
+        A, B, C, D = _read_system(evidence["system"], k)
         wide = _within_rounding(evidence.get("radius"), {"A": A, "B": B, "C": C, "D": D}, share)
         self._D, self._C = D[:k], wide["C"]
         plant, m = len(A), len(D[0])
@@ -304,7 +316,7 @@ class _System:
         z, w = self.q(slice(self._n_q, None)), multiply(transpose(self.w), self.w)
         return ball_sum(ball_product(_transpose(z), z), exact(scale(-level * level, w)))
 
-    def constraint_terms(self, multipliers: list[dict[str, Any]]) -> Iterator[Ball]:
+    def constraint_terms(self, multipliers: Sequence[MultiplierTable]) -> Iterator[Ball]:
         """Yield the form of each part's constraint."""
         for block, rows, states, item in zip(self._blocks, self.rows, self._states, multipliers, strict=True):
             signals = [exact(states), self.q(rows), exact(self.p[rows])]
@@ -324,9 +336,9 @@ def _stack(*parts: Ball) -> Ball:
     return Ball(*([row for half in halves for row in half] for halves in zip(*parts, strict=True)))
 
 
-def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:
+def _read_system(system: SystemMatrices, k: int) -> list[RationalMatrix]:
     """Return A, B, C and D, with at least k inputs and outputs."""
-    A, B, C, D = matrices = [to_rational(evidence["system"][name]) for name in "ABCD"]
+    A, B, C, D = matrices = [to_rational(rows) for rows in (system["A"], system["B"], system["C"], system["D"])]
     n, m = len(A), len(D[0])
     widths = {len(row) for row in A + C} - {n} | {len(row) for row in B + D} - {m}
     if widths or len(B) != n or len(C) != len(D) or k > min(m, len(D)):
@@ -334,7 +346,7 @@ def _read_system(evidence: dict[str, Any], k: int) -> list[RationalMatrix]:
     return matrices
 
 
-def _coordinates(evidence: dict[str, Any]) -> RationalMatrix:
+def _coordinates(evidence: LoopEvidence) -> RationalMatrix:
     """Return about the inverse of the evidence's coordinates; any matrix would do, as a regular one proves the same."""
     return to_rational(np.linalg.inv(np.array(evidence["coordinates"], dtype=np.float64)).tolist())
 

@@ -15,8 +15,9 @@ MIL-F-8785C, Military Specification: Flying Qualities of Piloted Airplanes, 1980
 import math
 import tomllib
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
+from gustproof.checker.evidence_types import VehicleDocument, WindTable
 from gustproof.checker.rational import RationalMatrix, exponential
 from gustproof.checker.system import LoopSystem, Refusal, Row, Rows, finite
 
@@ -83,7 +84,7 @@ def read_air(scenario_text: str, vehicle_text: str, system: LoopSystem) -> Dryde
         If the scenario has more than turbulence on a level stand, or another sample time or delay. Or if the gyro has
         a bias or noise that is not white.
     """
-    scenario, vehicle = tomllib.loads(scenario_text), tomllib.loads(vehicle_text)
+    scenario, vehicle = tomllib.loads(scenario_text), cast(VehicleDocument, tomllib.loads(vehicle_text))
     if others := sorted(set(scenario) - _MEANT):
         raise Refusal(f"the scenario has more than turbulence on a level stand: {', '.join(others)}")
     if scenario.get("translation", "held") != "held":
@@ -95,7 +96,7 @@ def read_air(scenario_text: str, vehicle_text: str, system: LoopSystem) -> Dryde
     steps = math.ceil(duration / system.dt)
     if not steps <= _MOST_STEPS:
         raise Refusal(f"the flight has {steps} samples, the proof takes {_MOST_STEPS} at most")
-    wind = _read_wind(scenario)
+    wind = _read_wind(scenario.get("wind", []))
     scale = float(_number("gust_scale", scenario.get("gust_scale", 1.0), least=0.0))
     strength, altitude = _speed(wind), float(_number("altitude_m", scenario.get("altitude_m", 10.0), most=_CEILING))
     airspeed = float(_number("airspeed_mps", wind.get("airspeed_mps", max(strength, 1.0)), least=1.0))
@@ -113,11 +114,10 @@ def read_air(scenario_text: str, vehicle_text: str, system: LoopSystem) -> Dryde
     )
 
 
-def _read_wind(scenario: dict[str, Any]) -> dict[str, Any]:
-    winds = scenario.get("wind", [])
+def _read_wind(winds: list[WindTable]) -> WindTable:
     if len(winds) != 1 or winds[0]["kind"] != "dryden":
         raise Refusal("the scenario has no turbulence, or other winds, and the proof is about one 'dryden' alone")
-    wind: dict[str, Any] = winds[0]
+    wind = winds[0]
     if set(wind) - _MEANT_OF_WIND or wind.get("specification", _SPECIFICATIONS[0]) not in _SPECIFICATIONS:
         raise Refusal("the turbulence has keys or a specification that the proof does not know")
     if ("intensity" in wind) == ("wind_speed_20ft_mps" in wind):
@@ -125,7 +125,7 @@ def _read_wind(scenario: dict[str, Any]) -> dict[str, Any]:
     return wind
 
 
-def _speed(wind: dict[str, Any]) -> float:
+def _speed(wind: WindTable) -> float:
     named = _INTENSITIES[wind["intensity"]] if "intensity" in wind else wind["wind_speed_20ft_mps"]
     return float(_number("wind_speed_20ft_mps", named))
 
@@ -195,7 +195,7 @@ def _turning(sigma: float, tau: float, lag: float, slope: float) -> _Filter:
 
 
 def _read_axis(
-    filters: dict[str, _Filter], vehicle: dict[str, Any], scale: float, system: LoopSystem, axis: int
+    filters: dict[str, _Filter], vehicle: VehicleDocument, scale: float, system: LoopSystem, axis: int
 ) -> AxisAir:
     """Return the air of an axis: v and p roll the vehicle, u and q pitch it, w and r yaw it."""
     gust, angular = filters["vuw"[axis]], filters["pqr"[axis]]
@@ -223,7 +223,7 @@ def _exponential(F: Rows, dt: Fraction) -> RationalMatrix:
     return exponential([list(row) for row in F], dt, terms=80, bits=160)
 
 
-def _read_noise(vehicle: dict[str, Any], rate: float) -> Fraction:
+def _read_noise(vehicle: VehicleDocument, rate: float) -> Fraction:
     """Return the rms of a gyro sample; the vehicle file states it at 250 Hz."""
     gyro = vehicle["gyro"]
     if gyro.get("noise_model", "constant") != "constant":
@@ -235,7 +235,7 @@ def _read_noise(vehicle: dict[str, Any], rate: float) -> Fraction:
     return Fraction(sigma) * _UP
 
 
-def _number(name: str, value: Any, *, least: float | None = None, most: float = math.inf) -> Fraction:
+def _number(name: str, value: object, *, least: float | None = None, most: float = math.inf) -> Fraction:
     """Return a number of a file, nominal; without `least` it must be positive."""
     number = finite(name, value["nominal"] if isinstance(value, dict) else value)
     if not (number > 0 if least is None else number >= least) or number > most:

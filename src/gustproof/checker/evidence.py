@@ -9,11 +9,11 @@ Statement and assumptions are made from the evidence.
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from gustproof.checker.directed_rounding import float_up, print_down, print_up
 from gustproof.checker.dissipation import (
@@ -24,6 +24,22 @@ from gustproof.checker.dissipation import (
     rate_bounded_inequalities,
     stability_inequality,
     vertices,
+)
+from gustproof.checker.evidence_types import (
+    AnyEvidence,
+    AnyGainEvidence,
+    Assumptions,
+    BlockTable,
+    ChanceEvidence,
+    ConstrainedGainEvidence,
+    Figures,
+    FlightEvidence,
+    GainEvidence,
+    LoopEvidence,
+    MultiplierTable,
+    PartTable,
+    SlowGainEvidence,
+    SystemMatrices,
 )
 from gustproof.checker.flight_box import KIND, Proof, prove_flight_box
 from gustproof.checker.gaussian_box import KIND as CHANCE
@@ -45,13 +61,13 @@ It covers two thousand roundings of that size.
 class DerivedLoop(NamedTuple):
     """Loop of a gain, derived from its design: what the evidence must prove, whatever loop it holds itself."""
 
-    system: dict[str, list[list[float]]]
+    system: SystemMatrices
     """Matrices A, B, C and D, closed by Delta."""
     blocks: list[tuple[str, int]]
     """Names and sizes of Delta's blocks."""
     speeds: list[float | None]
     """[1/s] speed of each normalised parameter, already above rounding; `None` for any speed."""
-    parts: list[dict[str, Any]]
+    parts: list[PartTable]
     """Entries that make a block other than a real parameter: kind, and largest delay [s] or oddness."""
     radius: dict[str, RationalMatrix] | None = None
     """Distances of the numbers of A, B, C and D from those of the loop; `None` for `ROUNDING` of the largest each."""
@@ -70,9 +86,9 @@ class CheckResult:
     """True if the evidence proves the claim."""
     reason: str
     """The proved statement, or the condition that failed."""
-    figures: dict[str, Any] = field(default_factory=dict)
+    figures: Figures = field(default_factory=Figures)
     """Proved figures: the gain, or part, estimate_deg, truth_deg, moment_class and torque_nm of a flight's box."""
-    assumes: dict[str, Any] = field(default_factory=dict)
+    assumes: Assumptions = field(default_factory=dict)
     """Assumptions, made from the evidence and, of a flight's box, from law and vehicle."""
 
 
@@ -118,19 +134,22 @@ def check_certificate(
 
 
 def _check_kind(
-    evidence: dict[str, Any], law: str | None, vehicle: str | None, scenario: str | None, loop: DerivedLoop | None
+    evidence: AnyEvidence,
+    law: str | None,
+    vehicle: str | None,
+    scenario: str | None,
+    loop: DerivedLoop | None,
 ) -> CheckResult:
     """Return the verdict on evidence of any kind, of the files and the loop that belong to its kind."""
-    kind = evidence["kind"]
-    if kind in (KIND, CHANCE) and loop is not None:
+    if evidence["kind"] in (KIND, CHANCE) and loop is not None:
         raise Refusal("the certificate is about a flight, not about the gain of a design")
-    if kind == KIND:
+    if evidence["kind"] == KIND:
         _refuse_files("a flight's box", {"--air": scenario})
         return _accept(_check_flight_box(evidence, law, vehicle))
-    if kind == CHANCE:
+    if evidence["kind"] == CHANCE:
         return _accept(_check_chance(evidence, law, vehicle, scenario))
-    if kind not in _PROOFS:
-        raise Refusal(f"unknown kind of evidence '{kind}'")
+    if evidence["kind"] not in _KEYS:
+        raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
     _refuse_files("a gain", {"--law": law, "--vehicle": vehicle, "--air": scenario})
     return check_evidence(evidence, loop)
 
@@ -150,13 +169,13 @@ def _refuse_constant(name: str) -> None:
     raise Refusal(f"{name} is no number")
 
 
-def _check_flight_box(evidence: dict[str, Any], law: str | None, vehicle: str | None) -> Proof:
+def _check_flight_box(evidence: FlightEvidence, law: str | None, vehicle: str | None) -> Proof:
     if law is None or vehicle is None:
         raise Refusal("a flight's box is proved of its law and vehicle files: give both (--law, --vehicle)")
     return prove_flight_box(evidence, law, vehicle)
 
 
-def _check_chance(evidence: dict[str, Any], law: str | None, vehicle: str | None, scenario: str | None) -> Proof:
+def _check_chance(evidence: ChanceEvidence, law: str | None, vehicle: str | None, scenario: str | None) -> Proof:
     if law is None or vehicle is None or scenario is None:
         raise Refusal("a flight's chance is proved of its three files: give all three (--law, --vehicle, --air)")
     return prove_chance(evidence, law, vehicle, scenario)
@@ -166,7 +185,7 @@ def _accept(proof: Proof) -> CheckResult:
     return CheckResult(accepted=True, reason=proof.statement, figures=proof.figures, assumes=proof.assumes)
 
 
-def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) -> CheckResult:
+def check_evidence(evidence: AnyGainEvidence, loop: DerivedLoop | None = None) -> CheckResult:
     """Return what the `evidence` of a gain proves, before it is sealed in a certificate; of `loop` if one is given.
 
     Raises
@@ -174,9 +193,9 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     Refusal
         If `evidence` proves nothing.
     """
-    if evidence["kind"] not in _PROOFS:
+    if evidence["kind"] not in _KEYS:
         raise Refusal(f"unknown kind of evidence '{evidence['kind']}'")
-    keys, prove = _PROOFS[evidence["kind"]]
+    keys = _KEYS[evidence["kind"]]
     if set(evidence) != keys:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ keys))}")
     _check_blocks(evidence["blocks"])
@@ -191,20 +210,21 @@ def check_evidence(evidence: dict[str, Any], loop: DerivedLoop | None = None) ->
     )
     if loop is not None:
         _check_blocks_of(loop, evidence["blocks"])
-        evidence = {**evidence, "system": loop.system, "radius": loop.radius}
+        evidence = evidence.copy()
+        evidence["system"], evidence["radius"] = loop.system, loop.radius
         plant = f"the continuous linear system derived from {loop.source}, and all within its rounding, closed by Delta"
         share = ROUNDING
     _check_sizes(evidence)
-    prove(level, evidence, share)
+    _prove(level, evidence, share)
     reason = _state_gain(level, evidence, "the system in this certificate" if loop is None else "the derived loop")
     assumes = {"plant": plant, **_describe_system(evidence)}
     return CheckResult(accepted=True, reason=reason, figures={"gain": float_up(level)}, assumes=assumes)
 
 
-def _describe_system(evidence: dict[str, Any]) -> dict[str, Any]:
+def _describe_system(evidence: LoopEvidence) -> Assumptions:
     """Return the assumptions on a gain's system and its blocks."""
     blocks = evidence["blocks"]
-    assumes: dict[str, Any] = {
+    assumes: Assumptions = {
         "system_sha256": seal(evidence["system"]),
         "blocks": [f"{block['name']} x {block['size']}" for block in blocks],
         "speeds_per_s": [block.get("speed") for block in blocks],
@@ -214,12 +234,12 @@ def _describe_system(evidence: dict[str, Any]) -> dict[str, Any]:
     return assumes
 
 
-def is_name(name: Any) -> bool:
+def is_name(name: object) -> bool:
     """Return whether a block may be called so: an ASCII word, of which no look-alikes make another statement."""
     return isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]{0,31}", name) is not None
 
 
-def _check_blocks(blocks: list[dict[str, Any]]) -> None:
+def _check_blocks(blocks: Sequence[BlockTable]) -> None:
     """Raise `Refusal` unless blocks have names, no sentences, and sizes: both are part of the statement."""
     if not blocks:
         raise Refusal("the evidence names no block, so nothing varies")
@@ -233,7 +253,7 @@ def _check_blocks(blocks: list[dict[str, Any]]) -> None:
         raise Refusal("two blocks have the same name")
 
 
-def _check_sizes(evidence: dict[str, Any]) -> None:
+def _check_sizes(evidence: AnyGainEvidence) -> None:
     """Raise `Refusal` for sizes that disagree, or for more than the check takes, before any is used.
 
     A gain's numbers are numbers: `true` would count as 1.
@@ -254,7 +274,7 @@ def _check_sizes(evidence: dict[str, Any]) -> None:
     _refuse_truths([{key: value for key, value in block.items() if key != "odd"} for block in blocks])
 
 
-def _refuse_truths(value: Any) -> None:
+def _refuse_truths(value: object) -> None:
     """Raise `Refusal` for a `true` or `false`, which would count as a number."""
     if isinstance(value, bool):
         raise Refusal("a number is 'true' or 'false'")
@@ -262,7 +282,7 @@ def _refuse_truths(value: Any) -> None:
         _refuse_truths(entry)
 
 
-def _check_blocks_of(loop: DerivedLoop, blocks: list[dict[str, Any]]) -> None:
+def _check_blocks_of(loop: DerivedLoop, blocks: Sequence[BlockTable]) -> None:
     """Raise `Refusal` unless the evidence is about the loop's parameters, and about all of their speeds."""
     if [(block["name"], block["size"]) for block in blocks] != loop.blocks:
         raise Refusal("the evidence is about other parameters than those of the derived loop")
@@ -275,17 +295,17 @@ def _check_blocks_of(loop: DerivedLoop, blocks: list[dict[str, Any]]) -> None:
             raise Refusal(f"{block['name']} of the derived loop is more than the evidence allows")
 
 
-def _covers(block: dict[str, Any], part: dict[str, Any]) -> bool:
+def _covers(block: BlockTable, part: PartTable) -> bool:
     """Return whether the constraint of a block holds of a part: of its own kind, no larger and as odd."""
     if kind_of(block) != kind_of(part) or (block.get("odd") and not part["odd"]):
         return False
     return "largest" not in part or finite("the delay", block["largest"]) >= finite("the delay", part["largest"])
 
 
-def _state_gain(level: Fraction, evidence: dict[str, Any], subject: str) -> str:
+def _state_gain(level: Fraction, evidence: LoopEvidence, subject: str) -> str:
     real = [block for block in evidence["blocks"] if kind_of(block) == "real"]
-    slow = [block for block in real if block.get("speed") is not None]
-    speeds = ", ".join(f"'{block['name']}' below {print_down(block['speed'])} 1/s" for block in slow)
+    slow = [(block["name"], speed) for block in real if (speed := block.get("speed")) is not None]
+    speeds = ", ".join(f"'{name}' below {print_down(speed)} 1/s" for name, speed in slow)
     names = ", ".join(f"'{block['name']}'" for block in real)
     every = [f"every normalised Delta(t) of {names}"] if real else []
     every += _describe_parts(evidence["blocks"])
@@ -295,12 +315,12 @@ def _state_gain(level: Fraction, evidence: dict[str, Any], subject: str) -> str:
     )
 
 
-def _describe_parts(blocks: list[dict[str, Any]]) -> list[str]:
+def _describe_parts(blocks: Sequence[BlockTable]) -> list[str]:
     """Return a clause for each part that is no real parameter."""
     return [_describe_part(block) for block in blocks if kind_of(block) != "real"]
 
 
-def _describe_part(block: dict[str, Any]) -> str:
+def _describe_part(block: BlockTable) -> str:
     name, kind = f"'{block['name']}'", kind_of(block)
     if kind == "delay":
         return f"{name}: every constant delay of all its channels in [0, {block['largest']!r}] s"
@@ -311,13 +331,22 @@ def _describe_part(block: dict[str, Any]) -> str:
     return f"{name}: {'odd ' if block['odd'] else ''}functions phi(q) of each channel with slopes in [0, 1]"
 
 
-def seal(document: dict[str, Any]) -> str:
+def seal(document: Mapping[str, object]) -> str:
     """Return the SHA-256 of a document of JSON values, independent of layout and key order."""
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _prove_gain(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
+def _prove(level: Fraction, evidence: AnyGainEvidence, share: Fraction) -> None:
+    if evidence["kind"] == "gain":
+        _prove_gain(level, evidence, share)
+    elif evidence["kind"] == "slow gain":
+        _prove_rate_bounded(level, evidence, share)
+    else:
+        _prove_constrained(level, evidence, share)
+
+
+def _prove_gain(level: Fraction, evidence: GainEvidence, share: Fraction) -> None:
     """Prove an L2 gain; see `gain_inequality`."""
     if any(kind_of(block) != "real" for block in evidence["blocks"]):
         raise Refusal("a gain of this kind is of real parameters alone")
@@ -328,10 +357,10 @@ def _prove_gain(level: Fraction, evidence: dict[str, Any], share: Fraction) -> N
         raise Refusal("the matrix inequality does not hold")
 
 
-def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
+def _prove_rate_bounded(level: Fraction, evidence: SlowGainEvidence, share: Fraction) -> None:
     """Prove an L2 gain with bounds on the speeds of some parameters; see `rate_bounded_inequalities`."""
     slow = rate_bounded_blocks(evidence)
-    if any(finite("a speed", evidence["blocks"][i]["speed"]) < 0 for i in slow):
+    if any(finite("a speed", speed) < 0 for speed in slow.values()):
         raise Refusal("a bound on a speed is negative")
     for signs in product((-1, 1), repeat=len(slow)):
         P = corner([to_rational(term) for term in evidence["P"]], signs)
@@ -345,7 +374,7 @@ def _prove_rate_bounded(level: Fraction, evidence: dict[str, Any], share: Fracti
             raise Refusal(f"the matrix inequality does not hold at the corner {vertex.signs}, speeds {vertex.speeds}")
 
 
-def _prove_constrained(level: Fraction, evidence: dict[str, Any], share: Fraction) -> None:
+def _prove_constrained(level: Fraction, evidence: ConstrainedGainEvidence, share: Fraction) -> None:
     """Prove an L2 gain with parts of which only integral quadratic constraints are known; see `quadratic_constraints`.
 
     The system and the filters are stable alone, parts are well posed in their order, and the inequality holds. Theorem
@@ -360,7 +389,7 @@ def _prove_constrained(level: Fraction, evidence: dict[str, Any], share: Fractio
         raise Refusal("the matrix inequality does not hold")
 
 
-def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]]) -> None:
+def _check_multipliers(evidence: LoopEvidence, scalings: Sequence[MultiplierTable]) -> None:
     """Raise `Refusal` for scalings that are no multipliers of the evidence's blocks."""
     for block, item in zip(evidence["blocks"], scalings, strict=True):
         check_multipliers(block, item)
@@ -368,9 +397,9 @@ def _check_multipliers(evidence: dict[str, Any], scalings: list[dict[str, Any]])
 
 _SLOW = {"name", "size", "speed"}
 _COMMON = frozenset({"kind", "level", "system", "coordinates", "P", "blocks"})
-_PROOFS: dict[str, tuple[frozenset[str], Callable[[Fraction, dict[str, Any], Fraction], None]]] = {
-    "gain": (_COMMON, _prove_gain),
-    "slow gain": (_COMMON | {"Y", "vertices"}, _prove_rate_bounded),
-    "constrained gain": (_COMMON | {"stability"}, _prove_constrained),
+_KEYS = {
+    "gain": _COMMON,
+    "slow gain": _COMMON | {"Y", "vertices"},
+    "constrained gain": _COMMON | {"stability"},
 }
-"""Entries of the evidence of each kind, and its proof."""
+"""Entries of the evidence of each kind."""

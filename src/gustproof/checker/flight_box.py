@@ -8,7 +8,7 @@ import json
 import math
 from enum import Enum
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Final, NamedTuple, cast
 
 from gustproof.checker.attitude_offset import strapdown_box
 from gustproof.checker.directed_rounding import (
@@ -21,6 +21,7 @@ from gustproof.checker.directed_rounding import (
     print_up,
 )
 from gustproof.checker.estimate_box import DEMAND, Box, EstimateCase, check_box, least_deviations, map_box
+from gustproof.checker.evidence_types import Assumptions, Figures, FlightEvidence
 from gustproof.checker.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
 from gustproof.checker.levelled_box import levelled_truth, map_levelled_box
 from gustproof.checker.levelled_norms import LevelledNorms, levelled_norms
@@ -35,7 +36,7 @@ from gustproof.checker.system import (
 )
 from gustproof.checker.truth_drift import Disturbance, blind_angles, truth_bound
 
-KIND = "boundedness"
+KIND: Final = "boundedness"
 Norms = list[AxisNorms] | list[LevelledNorms]
 """Norms of the three axes, of a law of gyros or of one that reads tilt."""
 KEYS = frozenset(
@@ -103,13 +104,13 @@ class Proof(NamedTuple):
 
     statement: str
     """The proved statement."""
-    figures: dict[str, Any]
+    figures: Figures
     """Figures by name: part, estimate_deg, truth_deg, torque_nm, moment_class."""
-    assumes: dict[str, Any]
+    assumes: Assumptions
     """Assumptions by name."""
 
 
-def prove_flight_box(evidence: dict[str, Any], law_text: str, vehicle_text: str) -> Proof:
+def prove_flight_box(evidence: FlightEvidence, law_text: str, vehicle_text: str) -> Proof:
     """Return what the evidence proves of the law and the vehicle in these texts.
 
     Raises
@@ -172,7 +173,7 @@ def map_flight(system: LoopSystem, norms: Norms, case: EstimateCase, box: Box) -
     return map_box(system, [item for item in norms if isinstance(item, AxisNorms)], case, box)
 
 
-def read_claim(evidence: dict[str, Any]) -> FlightClaim:
+def read_claim(evidence: FlightEvidence) -> FlightClaim:
     """Return the contents of the evidence.
 
     Raises
@@ -260,7 +261,7 @@ def describe(system: LoopSystem, claim: FlightClaim) -> Proof:
     """Return statement, figures and assumptions of a claim whose box closes."""
     estimate_deg = [degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)
-    figures = {
+    figures: Figures = {
         "part": float_down(claim.part),
         "estimate_deg": estimate_deg,
         "truth_deg": truth_deg,
@@ -274,7 +275,7 @@ PROVEN = "proven"
 """Verdict on a claim that is proved as it was asked."""
 
 
-def name_verdict(figures: dict[str, Any], assumes: dict[str, Any]) -> str:
+def name_verdict(figures: Figures, assumes: Assumptions) -> str:
     """Return the verdict in words: what is proved of a part of the moment, or of the law's view alone, is not proven.
 
     Parameters
@@ -283,7 +284,7 @@ def name_verdict(figures: dict[str, Any], assumes: dict[str, Any]) -> str:
         Figures and assumptions of an accepted certificate.
     """
     if (part := figures.get("part", 1.0)) < 1.0:
-        asked = list_down(assumes["moment_asked_N_m"])
+        asked = list_down(cast(list[float], assumes["moment_asked_N_m"]))
         return f"NOT proven for {asked} N m; proven for {percent_down(part, 3)} % of it"
     if "truth_deg" in figures and figures["truth_deg"] is None and assumes["horizon_s"] is not None:
         return "NOT proven for the true attitude; proven for the law's own"
@@ -315,7 +316,7 @@ def _truth_deg(system: LoopSystem, claim: FlightClaim) -> tuple[list[float | Non
     return [degrees_up(value) for value in truth], ""
 
 
-def _statement(system: LoopSystem, claim: FlightClaim, figures: dict[str, Any], why: str) -> str:
+def _statement(system: LoopSystem, claim: FlightClaim, figures: Figures, why: str) -> str:
     moment = list_down(claim.part * value for value in claim.moment)
     words = (
         f"law '{system.name}' keeps its own attitude within {list_up(figures['estimate_deg'])} deg for ever and its "
@@ -332,7 +333,7 @@ def _statement(system: LoopSystem, claim: FlightClaim, figures: dict[str, Any], 
         words += f" but for a risk of {print_up(claim.risk)} in {print_down(period)} s"
     else:
         words += ", without gyro noise"
-    return f"{words}; {why or _state_truth(system, claim, figures['truth_deg'])}"
+    return f"{words}; {why or _state_truth(system, claim, figures['truth_deg'] or [])}"
 
 
 def _state_truth(system: LoopSystem, claim: FlightClaim, truth: list[float | None]) -> str:
@@ -360,7 +361,7 @@ def _list_asked(claim: FlightClaim) -> list[float] | None:
     return None if claim.part == 1 else [float_up(value) for value in claim.moment]
 
 
-def _assumptions(system: LoopSystem, claim: FlightClaim) -> dict[str, Any]:
+def _assumptions(system: LoopSystem, claim: FlightClaim) -> Assumptions:
     period = RISK_PERIOD if claim.horizon is None else float_down(claim.horizon)
     sensors = "gyro without bias" if system.tilt is None else "gyro and accelerometer without bias and noise"
     return {
@@ -392,7 +393,7 @@ def degrees_up(angle: Fraction) -> float:
     return math.ceil(1e6 * math.degrees(float(angle)) + 1e-3) / 1e6
 
 
-def read_bounds(name: str, values: Any, count: int = 3) -> list[Fraction]:
+def read_bounds(name: str, values: object, count: int = 3) -> list[Fraction]:
     """Return numbers of the evidence, none negative; refuse anything else."""
     if not isinstance(values, list) or len(values) != count:
         raise Refusal(f"{name} must be {count} numbers")

@@ -18,7 +18,7 @@ The rest is spent on the linear true angle, a third on each axis.
 """
 
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Final, NamedTuple
 
 from gustproof.checker.directed_rounding import float_down, float_up, list_up, print_down, print_up
 from gustproof.checker.dryden_air import DrydenAir, read_air
@@ -33,6 +33,7 @@ from gustproof.checker.estimate_box import (
     least_deviations,
     up,
 )
+from gustproof.checker.evidence_types import Assumptions, ChanceEvidence, Figures
 from gustproof.checker.flight_box import (
     LEAST_RISK,
     Proof,
@@ -53,7 +54,7 @@ from gustproof.checker.system import (
 )
 from gustproof.checker.truth_drift import Disturbance, Joint, truth_bound
 
-KIND = "chance"
+KIND: Final = "chance"
 KEYS = frozenset({"kind", "law_sha256", "vehicle_sha256", "scenario_sha256", "risk", "samples", "box"})
 """Every entry of the evidence; any other is refused."""
 _SHARE = Fraction(1, 32)
@@ -132,7 +133,7 @@ def map_gaussian_box(flight: GaussianFlight, box: Box) -> tuple[Box, Box]:
     return [[Fraction(up(a + b)) for a, b in zip(x, y, strict=True)] for x, y in rows], rest
 
 
-def prove_chance(evidence: dict[str, Any], law_text: str, vehicle_text: str, scenario_text: str) -> Proof:
+def prove_chance(evidence: ChanceEvidence, law_text: str, vehicle_text: str, scenario_text: str) -> Proof:
     """Return what the evidence proves of the law, the vehicle and the scenario in these texts.
 
     Raises
@@ -142,8 +143,10 @@ def prove_chance(evidence: dict[str, Any], law_text: str, vehicle_text: str, sce
     """
     if set(evidence) != KEYS:
         raise Refusal(f"the evidence has other entries: {', '.join(sorted(set(evidence) ^ KEYS))}")
-    for name, text in (("law", law_text), ("vehicle", vehicle_text), ("scenario", scenario_text)):
-        if evidence[f"{name}_sha256"] != sha256(text):
+    digests = evidence["law_sha256"], evidence["vehicle_sha256"], evidence["scenario_sha256"]
+    texts = {"law": law_text, "vehicle": vehicle_text, "scenario": scenario_text}
+    for (name, text), digest in zip(texts.items(), digests, strict=True):
+        if digest != sha256(text):
             raise Refusal(f"the {name} file is not the one of this certificate: its SHA-256 is {sha256(text)}")
     samples = evidence["samples"]
     if isinstance(samples, bool) or not isinstance(samples, int):
@@ -159,7 +162,6 @@ def prove_chance(evidence: dict[str, Any], law_text: str, vehicle_text: str, sce
     left = list_uncovered(
         vehicle_text, inertia=Fraction(0), lag=Fraction(0), noise=None, dt=flight.system.dt, levelled=False
     )
-    texts = {"law": law_text, "vehicle": vehicle_text, "scenario": scenario_text}
     return bind_files(_describe(flight, risk, box, rest), texts, left)
 
 
@@ -167,11 +169,11 @@ def _describe(flight: GaussianFlight, risk: Fraction, box: Box, rest: Box) -> Pr
     system, air = flight.system, flight.air
     truth, why = _truth_deg(flight, risk, box, rest)
     estimate, torque = [degrees_up(row[X0]) for row in box], [float_up(row[DEMAND]) for row in box]
-    figures = {
+    figures: Figures = {
         "risk": float_up(risk),
         "horizon_s": float_down(air.duration),
         "estimate_deg": estimate,
-        "truth_deg": truth,
+        "truth_deg": None if truth is None else [*truth],
         "torque_nm": torque,
     }
     words = (
@@ -180,12 +182,14 @@ def _describe(flight: GaussianFlight, risk: Fraction, box: Box, rest: Box) -> Pr
         f"own attitude within {list_up(estimate)} deg and its torque below {list_up(torque)} N*m, with nominal inertia "
         "and lag; "
     )
-    words += f"the true attitude stays within {list_up(truth)} deg" if truth else why
+    words += (
+        f"the true attitude stays within {list_up(each for each in truth if each is not None)} deg" if truth else why
+    )
     return Proof(words, figures, _assumptions(flight, risk))
 
 
 def _truth_deg(flight: GaussianFlight, risk: Fraction, box: Box, rest: Box) -> tuple[list[float] | None, str]:
-    """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
+    """Return the bounds of the true attitude [deg], or `None` and the reason."""
     system, steps = flight.system, flight.air.steps + 1
     if not is_strapdown(system):
         return None, "the true attitude has no proof: the law's own attitude is no pure integral of its gyro"
@@ -201,7 +205,7 @@ def _truth_deg(flight: GaussianFlight, risk: Fraction, box: Box, rest: Box) -> t
     return [degrees_up(value) for value in truth], ""
 
 
-def _assumptions(flight: GaussianFlight, risk: Fraction) -> dict[str, Any]:
+def _assumptions(flight: GaussianFlight, risk: Fraction) -> Assumptions:
     system, air = flight.system, flight.air
     return {
         "plant": "exact nonlinear rigid body on a stand with this damping per inertia, first-order actuators, "

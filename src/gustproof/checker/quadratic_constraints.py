@@ -15,8 +15,9 @@ time-varying delays, Automatica 40 (2004), 1429-1434.
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from gustproof.checker.evidence_types import BlockTable, Matrix, MultiplierTable, PartTable
 from gustproof.checker.rational import (
     RationalMatrix,
     add,
@@ -44,17 +45,17 @@ class ConstraintFilter(NamedTuple):
     """(f, 2 size) of (q, p)."""
 
 
-def kind_of(block: dict[str, Any]) -> str:
+def kind_of(block: PartTable) -> str:
     """Return the kind of a part; a block without one is a real parameter."""
     return str(block.get("kind", "real"))
 
 
-def needs_rate(block: dict[str, Any]) -> bool:
+def needs_rate(block: BlockTable) -> bool:
     """Return whether the constraint is of q' too, so that q must not jump."""
     return kind_of(block) == "varying delay"
 
 
-def make_filter(block: dict[str, Any]) -> ConstraintFilter:
+def make_filter(block: BlockTable) -> ConstraintFilter:
     """Return the filter of a part.
 
     Raises
@@ -73,44 +74,37 @@ def make_filter(block: dict[str, Any]) -> ConstraintFilter:
     return ConstraintFilter([], [])
 
 
-def count_states(block: dict[str, Any]) -> int:
+def count_states(block: BlockTable) -> int:
     """Return the number of states of a part's filter."""
     poles = len(block.get("poles", ()))
     return int(block["size"]) * {"delay": 2 + 3 * poles, "slope": 2 * poles}.get(kind_of(block), 0)
 
 
-def check_sizes(block: dict[str, Any]) -> None:
+def check_sizes(block: BlockTable) -> None:
     """Raise `Refusal` unless the multipliers of a part have the size of its channels and poles."""
     kind, size, poles = kind_of(block), block["size"], len(block.get("poles", ()))
     if kind not in _KINDS:
         raise Refusal(f"block {block['name']} is of unknown kind '{kind}'")
     if set(block) != {"name", "size", *_KINDS[kind].entries}:
         raise Refusal(f"block {block['name']} has other entries than one of kind '{kind}'")
-    rows = {
-        "D": size,
-        "G": size,
-        "X": size * (1 + poles),
-        "Y": size * (1 + poles),
-        "T": size,
-        "causal": poles,
-        "anticausal": poles,
-    }
-    for name, count in rows.items():
-        if name in block and len(block[name]) != count:
+    wide = size * (1 + poles)
+    rows = {"D": size, "G": size, "X": wide, "Y": wide, "T": size, "causal": poles, "anticausal": poles}
+    for name, value in block.items():
+        if name in rows and not (isinstance(value, list) and len(value) == rows[name]):
             raise Refusal(f"{name} of block {block['name']} does not have its size")
 
 
-def check_multipliers(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def check_multipliers(block: BlockTable, multipliers: MultiplierTable) -> None:
     """Raise `Refusal` for numbers with which the form is no constraint of the part."""
     _KINDS[kind_of(block)].check(block, multipliers)
 
 
-def constraint_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def constraint_form(block: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the symmetric form in (f, q, p), then q' if the constraint needs it; linear in the multipliers."""
     return _KINDS[kind_of(block)].form(block, multipliers)
 
 
-def _positive(what: str, block: dict[str, Any], value: Any) -> Fraction:
+def _positive(what: str, block: BlockTable, value: object) -> Fraction:
     number = finite(what, value)
     if number <= 0:
         raise Refusal(f"{what} of block {block['name']} is not positive")
@@ -163,7 +157,7 @@ def _cross(left: RationalMatrix, M: RationalMatrix, right: RationalMatrix) -> Ra
     return add(half, transpose(half))
 
 
-def _check_definite(block: dict[str, Any], name: str, rows: RationalMatrix, size: int) -> None:
+def _check_definite(block: BlockTable, name: str, rows: Matrix, size: int) -> None:
     matrix = to_rational(rows)
     if len(matrix) != size:
         raise Refusal(f"{name} of block {block['name']} does not have its size")
@@ -171,7 +165,7 @@ def _check_definite(block: dict[str, Any], name: str, rows: RationalMatrix, size
         raise Refusal(f"{name} of block {block['name']} is not positive definite")
 
 
-def _check_real(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def _check_real(block: BlockTable, multipliers: MultiplierTable) -> None:
     D, G = to_rational(multipliers["D"]), to_rational(multipliers["G"])
     if not len(D) == len(G) == block["size"]:
         raise Refusal(f"the scalings of block {block['name']} do not have its size")
@@ -180,19 +174,19 @@ def _check_real(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
         raise Refusal(f"G of block {block['name']} is not skew")
 
 
-def _real_form(_: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def _real_form(_: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the form of `p = delta q`, |delta| <= 1 at any speed: q'D q - p'D p + 2 q'G p, D > 0 and G skew."""
     D, G = to_rational(multipliers["D"]), to_rational(multipliers["G"])
     upper = [a + b for a, b in zip(D, G, strict=True)]
     return upper + [a + b for a, b in zip(transpose(G), scale(-1, D), strict=True)]
 
 
-def _check_delay(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def _check_delay(block: BlockTable, multipliers: MultiplierTable) -> None:
     for name in ("X", "Y"):
         _check_definite(block, name, multipliers[name], block["size"] * (1 + len(block["poles"])))
 
 
-def _delay_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def _delay_form(block: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the form of `p(t) = q(t - theta) - q(t)`, theta constant in [0, largest] and the same for all channels.
 
     With F = a / (s + a) for each pole a and H = (1, F...), X and Y positive definite:
@@ -218,11 +212,11 @@ def _delay_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalM
     )
 
 
-def _check_varying(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def _check_varying(block: BlockTable, multipliers: MultiplierTable) -> None:
     _check_definite(block, "X", multipliers["X"], block["size"])
 
 
-def _varying_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def _varying_form(block: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the form of a delay that changes at will within [0, largest]: largest^2 q''X q' - p'X p in (q, p, q').
 
     p is minus the integral of q' over a time of at most `largest`: by Cauchy and Schwarz its norm is at most `largest`
@@ -235,19 +229,19 @@ def _varying_form(block: dict[str, Any], multipliers: dict[str, Any]) -> Rationa
     return add(scale(largest * largest, _congruence(rate, X)), scale(-1, _congruence(held, X)))
 
 
-def _check_sector(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def _check_sector(block: BlockTable, multipliers: MultiplierTable) -> None:
     for value in multipliers["T"]:
         _positive("T", block, value)
 
 
-def _sector_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def _sector_form(block: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the form of `p_i = phi_i(q_i, t)` between 0 and q_i: 2 p'T (q - p), T diagonal and positive."""
     size = block["size"]
     unit = identity(2 * size)
     return _cross(unit[size:], _diagonal(multipliers["T"]), _subtract(unit[:size], unit[size:]))
 
 
-def _check_slope(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
+def _check_slope(block: BlockTable, multipliers: MultiplierTable) -> None:
     _check_sector(block, multipliers)
     if not isinstance(block["odd"], bool):
         raise Refusal(f"block {block['name']} is neither odd nor not: 'odd' must be true or false")
@@ -259,7 +253,7 @@ def _check_slope(block: dict[str, Any], multipliers: dict[str, Any]) -> None:
         raise Refusal(f"the multiplier of block {block['name']} is larger than the slope allows")
 
 
-def _read_impulses(block: dict[str, Any], name: str, values: Any) -> RationalMatrix:
+def _read_impulses(block: BlockTable, name: str, values: Matrix) -> RationalMatrix:
     """Return the multipliers of the impulse responses, by poles and channels."""
     rows = to_rational(values)
     if len(rows) != len(block["poles"]) or any(len(row) != block["size"] for row in rows):
@@ -269,7 +263,7 @@ def _read_impulses(block: dict[str, Any], name: str, values: Any) -> RationalMat
     return rows
 
 
-def _slope_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalMatrix:
+def _slope_form(block: BlockTable, multipliers: MultiplierTable) -> RationalMatrix:
     """Return the form of Zames and Falb for `p_i = phi_i(q_i)`, slopes in [0, 1], with e = q - p.
 
     With F = a / (s + a) for each pole, by channel:
@@ -290,7 +284,7 @@ def _slope_form(block: dict[str, Any], multipliers: dict[str, Any]) -> RationalM
     return add(*terms)
 
 
-def _diagonal(values: Sequence[float]) -> RationalMatrix:
+def _diagonal(values: Sequence[float | Fraction]) -> RationalMatrix:
     return [[Fraction(value) if i == j else Fraction(0) for j in range(len(values))] for i, value in enumerate(values)]
 
 
@@ -301,8 +295,8 @@ def _subtract(A: RationalMatrix, B: RationalMatrix) -> RationalMatrix:
 class _Kind(NamedTuple):
     entries: tuple[str, ...]
     """Entries of a block beside name and size."""
-    check: Callable[[dict[str, Any], dict[str, Any]], None]
-    form: Callable[[dict[str, Any], dict[str, Any]], RationalMatrix]
+    check: Callable[[BlockTable, MultiplierTable], None]
+    form: Callable[[BlockTable, MultiplierTable], RationalMatrix]
 
 
 _KINDS = {

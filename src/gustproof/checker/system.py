@@ -7,11 +7,12 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
+from gustproof.checker.evidence_types import End, Entry, GyroTable, LawDocument, StabilizerTable, VehicleDocument
 from gustproof.checker.rational import to_rational
 
 TORQUE, RATES = "torque", "rates"
@@ -165,7 +166,7 @@ class LoopSystem(NamedTuple):
         return tuple(bounds)
 
 
-def read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def read_object(pairs: list[tuple[str, object]]) -> dict[str, object]:
     """Return a JSON object; a key that stands twice would show a reader another number than the one that is proved."""
     document = dict(pairs)
     if len(document) != len(pairs):
@@ -186,7 +187,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     Refusal
         If the law has a schedule or couples its axes, or a number is out of range.
     """
-    law, vehicle = _read_law(law_text), tomllib.loads(vehicle_text)
+    law, vehicle = _read_law(law_text), cast(VehicleDocument, tomllib.loads(vehicle_text))
     if law["output"] not in (TORQUE, RATES):
         raise Refusal(f"law '{law['name']}' commands {law['output']}, the proof is about torque and rates")
     if law.get("schedule") is not None:
@@ -197,14 +198,14 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     _check_vehicle(vehicle, levelled=levelled)
     _check_delay(vehicle, law)
     n = len(law["A"])
-    columns = {len(row) for name in "BD" for row in law[name]}
+    columns = {len(row) for matrix in (law["B"], law["D"]) for row in matrix}
     if columns != {_LEVELLED if levelled else 6}:
         raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
     if n % 3 or not 6 <= n <= _MOST_STATES:
         raise Refusal(f"law '{law['name']}' has {n} states, must have 2 to {_MOST_STATES // 3} for each of three axes")
-    gyro = {name: [row[:3] for row in law[name]] for name in "BD"}
-    tilt = [[row[6:] for row in law[name]] for name in "BD"] if levelled else []
-    rows = (law["A"], gyro["B"], law["C"], gyro["D"], law["G"], *tilt)
+    B, D = ([row[:3] for row in law["B"]], [row[:3] for row in law["D"]])
+    tilt = [[row[6:] for row in matrix] for matrix in (law["B"], law["D"])] if levelled else []
+    rows = (law["A"], B, law["C"], D, law["G"], *tilt)
     matrices = [tuple(map(tuple, to_rational(matrix))) for matrix in rows]
     shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3), (n, 2), (3, 2)]
     if any((len(M), len(M[0])) != shape for M, shape in zip(matrices, shapes, strict=False)):
@@ -237,9 +238,9 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
     )
 
 
-def _read_law(text: str) -> dict[str, Any]:
+def _read_law(text: str) -> LawDocument:
     """Return the law of a file whose name makes no other statement of the one that quotes it."""
-    law: dict[str, Any] = json.loads(text, object_pairs_hook=read_object)
+    law: LawDocument = json.loads(text, object_pairs_hook=read_object)
     name = law["name"]
     if not name.isprintable() or set("'\\") & set(name) or len(name) > _LONGEST_NAME:
         raise Refusal(f"the law is named {name!a}: the statement quotes the name, so it holds no quote and is short")
@@ -248,7 +249,7 @@ def _read_law(text: str) -> dict[str, Any]:
     return law
 
 
-def _check_vehicle(vehicle: dict[str, Any], *, levelled: bool) -> None:
+def _check_vehicle(vehicle: VehicleDocument, *, levelled: bool) -> None:
     """Raise `Refusal` for fields that the proof does not know, and for a bias of a sensor that the law reads."""
     for name, value in _fields(vehicle):
         use = VEHICLE_FIELDS.get(name, VEHICLE_FIELDS.get(name.split(".")[0]))
@@ -256,18 +257,18 @@ def _check_vehicle(vehicle: dict[str, Any], *, levelled: bool) -> None:
             raise Refusal(f"the vehicle file has '{name}', of which the proof does not know how it acts")
         sensor = name.split(".")[0]
         read = sensor == "gyro" or levelled
-        if use is Use.EXCLUDED and read and any(finite(name, _nominal(entry)) for entry in value):
+        if use is Use.EXCLUDED and read and any(finite(name, _nominal(entry)) for entry in cast(list[object], value)):
             raise Refusal(f"the {sensor} has a bias ({name}): the proof is about one without")
 
 
-def _check_delay(vehicle: dict[str, Any], law: dict[str, Any]) -> None:
+def _check_delay(vehicle: VehicleDocument, law: LawDocument) -> None:
     """Raise `Refusal` if a log measured more delay than the one sample of the proof and the rounding of a model."""
     late = _not_negative("command.delay", _nominal(vehicle.get("command", {}).get("delay", 0)))
     if 2 * late > _positive("dt", [law["dt"]])[0]:
         raise Refusal(f"the command acts {float(late):g} s late beside one sample (command.delay): the proof has one")
 
 
-def _fields(vehicle: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _fields(vehicle: VehicleDocument) -> Iterator[tuple[str, object]]:
     """Yield the dotted name and the value of each field of a vehicle file."""
     for name, value in vehicle.items():
         if isinstance(value, dict) and "nominal" not in value:
@@ -294,7 +295,7 @@ def list_uncovered(
     levelled
         True for a law that reads the accelerometer.
     """
-    vehicle = tomllib.loads(vehicle_text)
+    vehicle = cast(VehicleDocument, tomllib.loads(vehicle_text))
     covered = {"inertia_B": inertia, "actuator_lag": lag}
     uses = {Use.PROVED, Use.EXCLUDED, Use.LATE} | ({Use.STATED, Use.AIR} if noise is None else set())
     if "rate_damping" not in vehicle:
@@ -312,7 +313,7 @@ def list_uncovered(
     return left
 
 
-def _is_wider(value: Any, share: Fraction) -> bool:
+def _is_wider(value: object, share: Fraction) -> bool:
     """Return whether a value, or one of several, is spread by more than a share of its nominal value."""
     if isinstance(value, list):
         return any(_is_wider(entry, share) for entry in value)
@@ -325,19 +326,20 @@ def _is_wider(value: Any, share: Fraction) -> bool:
     return low < (1 - part) * nominal or high > (1 + part) * nominal
 
 
-def _gyro_noise(gyro: dict[str, Any], dt: Fraction, ratio: str, rate: str) -> float:
+def _gyro_noise(gyro: GyroTable, dt: Fraction, ratio: End, rate: End) -> float:
     """Return the rms [rad/s] of a gyro sample at these ends of the file's spreads; the file states it at 250 Hz."""
     if gyro.get("noise_model", "constant") != "constant":
         return math.inf
-    snr, reference = (
-        value[end] if isinstance(value, dict) else value
-        for value, end in ((gyro["snr_db"], ratio), (gyro["reference_rate"], rate))
-    )
-    sigma: float = 10.0 ** (-float(snr) / 20.0) * float(reference) / math.sqrt(250.0 * float(dt))
+    snr, reference = (_at(value, end) for value, end in ((gyro["snr_db"], ratio), (gyro["reference_rate"], rate)))
+    sigma: float = 10.0 ** (-snr / 20.0) * reference / math.sqrt(250.0 * float(dt))
     return sigma
 
 
-def _read_tilt(law: dict[str, Any], vehicle: dict[str, Any], matrices: list[Rows]) -> Tilt:
+def _at(value: Entry, end: End) -> float:
+    return float(value[end] if isinstance(value, dict) else value)
+
+
+def _read_tilt(law: LawDocument, vehicle: VehicleDocument, matrices: list[Rows]) -> Tilt:
     """Return the part of a law that reads tilt, of an accelerometer that measures gravity whole."""
     if law["output"] != TORQUE:
         raise Refusal(f"law '{law['name']}' reads the accelerometer and commands rates: no proof is known")
@@ -349,7 +351,7 @@ def _read_tilt(law: dict[str, Any], vehicle: dict[str, Any], matrices: list[Rows
     return Tilt(*matrices)
 
 
-def _sort_states_by_axis(law: dict[str, Any]) -> dict[str, Any]:
+def _sort_states_by_axis(law: LawDocument) -> LawDocument:
     """Return a law that reads tilt with its states in turn by axis: roll, pitch, yaw, as all others have them.
 
     An axis of fewer states gets some that stay 0. A state belongs to the axis that it commands or reads.
@@ -365,13 +367,14 @@ def _sort_states_by_axis(law: dict[str, Any]) -> dict[str, Any]:
     return {
         **law,
         "A": [_columns(row, places) for row in _rows(law["A"], places)],
-        **{name: _rows(law[name], places) for name in "BG"},
+        "B": _rows(law["B"], places),
+        "G": _rows(law["G"], places),
         "C": [_columns(row, places) for row in law["C"]],
         "rate_limit": limit and {**limit, "S": [_columns(row, places) for row in limit["S"]]},
     }
 
 
-def _axis_of(law: dict[str, Any], i: int) -> int:
+def _axis_of(law: LawDocument, i: int) -> int:
     reads = [*law["B"][i][:3], *law["B"][i][6:]]
     own = {a for a in range(3) if law["C"][a][i]} | {k % 3 for k, value in enumerate(reads) if value}
     if len(own) != 1:
@@ -387,7 +390,7 @@ def _columns(row: list[float], places: list[int | None]) -> list[float]:
     return [0.0 if place is None else row[place] for place in places]
 
 
-def _read_stated_damping(given: Any) -> Row:
+def _read_stated_damping(given: object) -> Row:
     """Return the rate damping that a file states: one number for all axes, or one for each."""
     rows = given if isinstance(given, list) else [given] * 3
     if len(rows) != 3:
@@ -395,7 +398,7 @@ def _read_stated_damping(given: Any) -> Row:
     return tuple(_not_negative("rate_damping", _nominal(row)) for row in rows)
 
 
-def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
+def _read_damping(vehicle: VehicleDocument, inertia: list[Fraction]) -> Row:
     """Return the rate damping of the file, of all axes or each; without one, that of the rotors' drag, exactly.
 
     Each rotor has its part of the drag. Roll moves a rotor at (x, y) along its axis by y p, pitch by -x q. Yaw moves
@@ -417,7 +420,7 @@ def _read_damping(vehicle: dict[str, Any], inertia: list[Fraction]) -> Row:
     return tuple(moment / value for moment, value in zip(moments, inertia, strict=True))
 
 
-def _read_rate_loop(stabilizer: dict[str, Any], inertia: list[Fraction], dt: Fraction) -> OnBoardRateLoop:
+def _read_rate_loop(stabilizer: StabilizerTable, inertia: list[Fraction], dt: Fraction) -> OnBoardRateLoop:
     """Return the on-board rate loop; its coefficients are within 2^-48 of themselves, as doubles compute them."""
     gains = {
         name: [_not_negative(f"stabilizer.{name}", _nominal(value)) for value in stabilizer[name]]
@@ -431,7 +434,7 @@ def _read_rate_loop(stabilizer: dict[str, Any], inertia: list[Fraction], dt: Fra
     return OnBoardRateLoop(p, i, tuple(value * smoothing / dt for value in d), smoothing)
 
 
-def _read_rate_limit(law: dict[str, Any], n: int) -> CommandRateLimit | None:
+def _read_rate_limit(law: LawDocument, n: int) -> CommandRateLimit | None:
     """Return the law's limit of the rate commanded from attitude, at the reference 0; `None` without one.
 
     A proven box lies within it, so the limit is inactive: the law is that of A to G alone.
@@ -463,26 +466,26 @@ def is_strapdown(system: LoopSystem) -> bool:
     return True
 
 
-def finite(name: str, value: Any) -> Fraction:
+def finite(name: str, value: object) -> Fraction:
     """Return a JSON number exactly; refuse anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise Refusal(f"{name} is {value!r}, must be a finite number")
     return Fraction(value)
 
 
-def _nominal(value: Any) -> Any:
+def _nominal(value: object) -> object:
     """Return the nominal value of an entry of a vehicle file that may state a spread."""
     return value["nominal"] if isinstance(value, dict) else value
 
 
-def _positive(name: str, values: Any, count: int = 1) -> list[Fraction]:
+def _positive(name: str, values: Iterable[object], count: int = 1) -> list[Fraction]:
     numbers = [finite(name, _nominal(value)) for value in values]
     if len(numbers) != count or min(numbers) <= 0:
         raise Refusal(f"{name} must be {count} positive number{'s' if count > 1 else ''}")
     return numbers
 
 
-def _not_negative(name: str, value: Any) -> Fraction:
+def _not_negative(name: str, value: object) -> Fraction:
     number = finite(name, value)
     if number < 0:
         raise Refusal(f"{name} is {float(number)}, must not be negative")

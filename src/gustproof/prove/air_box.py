@@ -8,6 +8,7 @@ from pathlib import Path
 from firmware_model.config.files import read_text
 from firmware_model.config.scenario import load_scenario, scenario_path
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
+from gustproof.checker.evidence_types import ChanceEvidence
 from gustproof.checker.flight_box import MomentClass
 from gustproof.checker.gaussian_box import KIND, bound_flight, map_gaussian_box, read_scope
 from gustproof.checker.system import Refusal, finite, sha256
@@ -58,9 +59,11 @@ def certify_chance(law: str | Path, vehicle: str | Path, scenario: str | Path, r
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
     box = grow_box(flight.system, flight.case, flight.gaussian, lambda kept: map_gaussian_box(flight, kept)[0])
-    evidence = {
+    evidence: ChanceEvidence = {
         "kind": KIND,
-        **{f"{name}_sha256": sha256(text) for name, text in texts.items()},
+        "law_sha256": sha256(texts["law"]),
+        "vehicle_sha256": sha256(texts["vehicle"]),
+        "scenario_sha256": sha256(texts["scenario"]),
         "risk": risk,
         "samples": samples,
         "box": [[float(value) for value in row] for row in box],

@@ -15,6 +15,7 @@ from firmware_model.config.files import read_text, write_text
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from gustproof.checker.estimate_box import Box, EstimateCase, is_rate_unlimited, is_within_limits
 from gustproof.checker.evidence import FORMAT, check_certificate, seal
+from gustproof.checker.evidence_types import ChanceEvidence, Figures, FlightEvidence
 from gustproof.checker.flight_box import (
     KIND,
     PROVEN,
@@ -82,7 +83,7 @@ class FlightCertificate:
     """Class of the moment between samples, on which the bounds of the truth rest."""
     assumes: dict[str, Any]
     """Assumptions by name."""
-    evidence: dict[str, Any]
+    evidence: FlightEvidence | ChanceEvidence
     """Input of the check beside the law and vehicle files, as JSON values."""
 
     @property
@@ -93,7 +94,7 @@ class FlightCertificate:
     @property
     def verdict(self) -> str:
         """Verdict in words, with what is proven of it."""
-        figures = {"part": 1.0 if self.part is None else self.part, "truth_deg": self.truth_deg}
+        figures: Figures = {"part": 1.0 if self.part is None else self.part, "truth_deg": self.truth_deg}
         return name_verdict(figures, self.assumes) if self.proven else "NOT proven"
 
     def to_dict(self) -> dict[str, Any]:
@@ -167,7 +168,7 @@ def certify_boundedness(
     load_law(law)  # for the errors of files
     load_vehicle(vehicle)
     law_text, vehicle_text = read_text(law_path(law)), read_text(vehicle_path(vehicle))
-    evidence = {
+    evidence: FlightEvidence = {
         "kind": KIND,
         "law_sha256": sha256(law_text),
         "vehicle_sha256": sha256(vehicle_text),
@@ -182,22 +183,23 @@ def certify_boundedness(
         "lag_spread": lag_spread,
         "cells": [_INERTIA_CELLS if inertia_spread else 1, _LAG_CELLS if lag_spread else 1],
         "samples": 0,
-        "box": [],
+        "box": [[0.0]] * 3,
     }
     try:
-        claim = read_claim({**evidence, "box": [[0.0]] * 3})
+        claim = read_claim(evidence)
         system = spread_system(read_system(law_text, vehicle_text), claim)
         samples, norms = find_norms(system)
     except Refusal as refusal:
         raise ValueError(str(refusal)) from None
     part, box = _largest_part(system, claim, norms)
-    evidence |= {"part": float(part), "samples": samples, "box": [[float(value) for value in row] for row in box]}
+    evidence["part"], evidence["samples"] = float(part), samples
+    evidence["box"] = [[float(value) for value in row] for row in box]
     nothing = f"no part of the moment is proven for law '{system.name}'"
     return judge_box(evidence, nothing, moment_class, law=law_text, vehicle=vehicle_text)
 
 
 def judge_box(
-    evidence: dict[str, Any],
+    evidence: FlightEvidence | ChanceEvidence,
     nothing: str,
     moment_class: MomentClass,
     *,

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from firmware_model.config.files import read_text
 from firmware_model.config.vehicle import vehicle_path
 from gustproof.checker.directed_rounding import float_down, float_up, list_down, print_down, print_up
+from gustproof.checker.evidence_types import FlightEvidence
 from gustproof.checker.flight_box import make_case, read_claim, spread_system
 from gustproof.checker.kernel_norms import axis_norms
 from gustproof.checker.single_precision import Form, bound_rounding
@@ -115,7 +116,7 @@ def certify_rounding(
         law_text = read_text(path)
     if not certificate.proven:
         raise ValueError(f"no box is proven for law '{law.name}': {certificate.statement}")
-    claim = read_claim(certificate.evidence)
+    claim = read_claim(cast(FlightEvidence, certificate.evidence))
     system = spread_system(read_system(law_text, read_text(vehicle_path(vehicle))), claim)
     norms = [axis_norms(system, axis, claim.samples) for axis in range(3)]
     resting = [Fraction(value) for value in np.abs(resting_states(law)[:, 2]).tolist()]

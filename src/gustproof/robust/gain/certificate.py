@@ -1,6 +1,7 @@
 """Certificate of a gain: what its maker found, and the evidence that anyone can check again."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ class Certificate:
     """True if the check accepted the evidence. False is an ordinary result: nothing is known then."""
     assumes: dict[str, Any]
     """Assumptions by name: plant, leak, delay in samples, envelope, horizon, noise and its probability."""
-    evidence: dict[str, Any]
+    evidence: Mapping[str, object]
     """Every input of the check, as JSON values."""
     residual: float | None
     """[-] least eigenvalue or slack of the quantities that must be positive, in floating point; `None` without

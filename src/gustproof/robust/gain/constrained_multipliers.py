@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import cast
 
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
+from gustproof.checker.evidence_types import BlockTable
 from gustproof.checker.quadratic_constraints import constraint_form, make_filter, needs_rate
 from gustproof.robust.gain.multipliers import (
     add_transpose,
@@ -32,7 +33,7 @@ class ConstrainedMultipliers:
     """(n, n) storage matrix in balanced coordinates."""
     stability: Matrix
     """(n, n) Lyapunov matrix of the loop and the filters alone, in balanced coordinates."""
-    blocks: tuple[dict[str, Any], ...]
+    blocks: tuple[BlockTable, ...]
     """Entries of each block beside name and size."""
     level: float
     """[-] gain for which the inequality holds in floating point."""
@@ -71,7 +72,7 @@ class _Unknowns:
     """Unknown multipliers of one block: entries of the evidence, linear in the unknowns, and what must be positive."""
 
     def __init__(self, name: str, size: int, part: Part | None) -> None:
-        self.fixed: dict[str, Any] = {"name": name, "size": size}
+        self.fixed: BlockTable = {"name": name, "size": size}
         self._units: list[dict[str, Matrix]] = []
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.cones: list[list[Matrix]] = []
@@ -80,7 +81,7 @@ class _Unknowns:
             self._add_definite("D", size)
             self._add("G", basis(size, skew=True), (size, size))
         else:
-            self.fixed |= part.entries()
+            self.fixed = {**self.fixed, **part.entries()}
             self._add_part(size, part)
         width = len(self._units)
         self.cones = [cone + [np.zeros_like(cone[0])] * (width - len(cone)) for cone in self.cones]
@@ -132,13 +133,13 @@ class _Unknowns:
     def __len__(self) -> int:
         return len(self._units)
 
-    def entries(self, values: Matrix) -> dict[str, Any]:
+    def entries(self, values: Matrix) -> BlockTable:
         """Return the block's entries at values of its unknowns."""
         found = {name: np.zeros(shape) for name, shape in self._shapes.items()}
         for value, unit in zip(values, self._units, strict=True):
             for name, matrix in unit.items():
                 found[name] = found[name] + value * matrix
-        return self.fixed | {name: matrix.tolist() for name, matrix in found.items()}
+        return cast(BlockTable, self.fixed | {name: matrix.tolist() for name, matrix in found.items()})
 
     def forms(self) -> list[Matrix]:
         """Return the form of the constraint for each unknown, in (f, q, p), then q' if it is needed."""
@@ -195,11 +196,11 @@ class _Program:
         matrices = zip(solution, basis(self.n, skew=False), strict=False)
         return np.asarray(sum(x * S for x, S in matrices), dtype=np.float64)
 
-    def entries(self, solution: Matrix) -> tuple[dict[str, Any], ...]:
+    def entries(self, solution: Matrix) -> tuple[BlockTable, ...]:
         """Return the entries of each block at a solution."""
         return tuple(self._entries(solution))
 
-    def _entries(self, solution: Matrix) -> Iterator[dict[str, Any]]:
+    def _entries(self, solution: Matrix) -> Iterator[BlockTable]:
         start = self.n * (self.n + 1) // 2
         for one in self._unknowns:
             yield one.entries(solution[start : start + len(one)])

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from gustproof.checker.directed_rounding import print_up
 from gustproof.checker.dissipation import gain_inequality, rate_bounded_inequalities
 from gustproof.checker.evidence import DerivedLoop, check_evidence, is_name
+from gustproof.checker.evidence_types import AnyGainEvidence, SystemMatrices
 from gustproof.checker.rational import RationalMatrix, multiply, to_rational, transpose
 from gustproof.checker.system import Refusal
 from gustproof.robust.gain.certificate import Certificate
@@ -82,9 +83,9 @@ def certify_lft(
     _check_parts(loop, speeds, parts or {})
     multipliers = _find_multipliers(loop, speeds, parts)
     wanted, proven = level, False
-    evidence: dict[str, Any] = {}
+    evidence = cast(AnyGainEvidence, {})
     if multipliers is not None:
-        evidence = _evidence(loop, multipliers, bounds)
+        evidence = cast(AnyGainEvidence, _evidence(loop, multipliers, bounds))
         candidates = [multipliers.level * (1.0 + margin) for margin in _MARGINS] if level is None else [level]
         derived = None if radius is None else derived_loop(loop, speeds, parts, radius)
         wanted, proven = _first_proven(candidates, evidence, derived)
@@ -192,8 +193,8 @@ def _check_parts(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Map
             )
 
 
-def _matrices(loop: Uncertain) -> dict[str, list[list[float]]]:
-    return {name: getattr(loop.M, name).tolist() for name in "ABCD"}
+def _matrices(loop: Uncertain) -> SystemMatrices:
+    return {"A": loop.M.A.tolist(), "B": loop.M.B.tolist(), "C": loop.M.C.tolist(), "D": loop.M.D.tolist()}
 
 
 def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[float | None]:
@@ -209,7 +210,7 @@ def _speed_bounds(loop: Uncertain, speeds: Mapping[str, float] | None) -> list[f
 
 
 def _first_proven(
-    candidates: Sequence[float], evidence: dict[str, Any], derived: DerivedLoop | None
+    candidates: Sequence[float], evidence: AnyGainEvidence, derived: DerivedLoop | None
 ) -> tuple[float, bool]:
     """Return the first candidate proven of the evidence's loop, and of one derived, and True; or the last and False.
 
@@ -226,7 +227,8 @@ def _evidence(
     loop: Uncertain,
     multipliers: Multipliers | RateBoundedMultipliers | ConstrainedMultipliers,
     speeds: Sequence[float | None],
-) -> dict[str, Any]:
+) -> dict[str, object]:
+    """Return the evidence but for its level."""
     common = {"system": _matrices(loop), "coordinates": multipliers.coordinates.tolist()}
     if isinstance(multipliers, ConstrainedMultipliers):
         storage = {"P": multipliers.P.tolist(), "stability": multipliers.stability.tolist()}
@@ -250,14 +252,14 @@ def _scalings(pairs: Iterable[tuple[Matrix, Matrix]]) -> list[dict[str, Any]]:
     return [{"D": D.tolist(), "G": G.tolist()} for D, G in pairs]
 
 
-def _is_proven(evidence: dict[str, Any], derived: DerivedLoop | None = None) -> bool:
+def _is_proven(evidence: AnyGainEvidence, derived: DerivedLoop | None = None) -> bool:
     try:
         return check_evidence(evidence, derived).accepted
     except Refusal:
         return False
 
 
-def _residual(level: float, evidence: dict[str, Any], units: ChannelUnits) -> float:
+def _residual(level: float, evidence: AnyGainEvidence, units: ChannelUnits) -> float:
     """Return the least eigenvalue of the inequalities, in the coordinates of their Lyapunov matrix and other units."""
     exact_level = Fraction(level)
     forms = (
@@ -265,7 +267,7 @@ def _residual(level: float, evidence: dict[str, Any], units: ChannelUnits) -> fl
         if evidence["kind"] == "slow gain"
         else [gain_inequality(exact_level, evidence)]
     )
-    inverse = np.linalg.inv(evidence["coordinates"])
+    inverse = np.linalg.inv(np.array(evidence["coordinates"], dtype=np.float64))
     least = []
     for form in forms:
         change = np.eye(len(form.middle))

@@ -7,10 +7,11 @@ units, times a positive number: one is definite if the other is.
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 
+from gustproof.checker.evidence_types import BlockTable
 from gustproof.checker.quadratic_constraints import make_filter
 from gustproof.robust.gain.constrained_multipliers import ConstrainedMultipliers
 from gustproof.robust.gain.multipliers import Multipliers
@@ -86,9 +87,10 @@ def _scale(part: Matrix, u: Matrix, square: float) -> Matrix:
     return np.asarray(square * part / np.outer(u, u))
 
 
-def _scale_block(block: dict[str, Any], u: Matrix, square: float) -> dict[str, Any]:
+def _scale_block(block: BlockTable, u: Matrix, square: float) -> BlockTable:
     """Return the entries of a block with its multipliers, which are quadratic in its signals, in units of `u`."""
     if "D" in block:
-        return block | {name: _scale(np.array(block[name]), u, square).tolist() for name in "DG"}
-    own = {name: np.array(block[name]) for name in _QUADRATIC if name in block}
-    return block | {name: (square / u[0] ** 2 * value).tolist() for name, value in own.items()}
+        scaled = {name: _scale(np.array(block[name]), u, square) for name in ("D", "G")}
+    else:
+        scaled = {name: square / u[0] ** 2 * np.array(value) for name, value in block.items() if name in _QUADRATIC}
+    return cast(BlockTable, block | {name: value.tolist() for name, value in scaled.items()})

@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from gustproof.checker.evidence_types import PartTable
 from gustproof.robust.lti.state_space import ComplexMatrix, Matrix
 
 
@@ -40,7 +40,7 @@ class Delay:
         if self.varying and self.poles:
             raise ValueError("the multiplier of a varying delay is constant: it has no poles")
 
-    def entries(self) -> dict[str, Any]:
+    def entries(self) -> PartTable:
         """Return the entries of the block that name the part."""
         return {"kind": "varying delay" if self.varying else "delay", "largest": self.largest}
 
@@ -75,7 +75,7 @@ class Slope:
         """Check the values."""
         _check_poles(self.poles)
 
-    def entries(self) -> dict[str, Any]:
+    def entries(self) -> PartTable:
         """Return the entries of the block that name the part."""
         return {"kind": "slope", "odd": self.odd}
 
@@ -95,7 +95,7 @@ class Sector:
     {'kind': 'sector'}
     """
 
-    def entries(self) -> dict[str, Any]:
+    def entries(self) -> PartTable:
         """Return the entries of the block that name the part."""
         return {"kind": "sector"}
 
