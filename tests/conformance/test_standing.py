@@ -23,6 +23,8 @@ ARM, TAKEOFF, LAND = wire.MAV_CMD_COMPONENT_ARM_DISARM, wire.MAV_CMD_NAV_TAKEOFF
 SET_MODE = wire.MAV_CMD_DO_SET_MODE
 OFFBOARD, AUTO, HOLD, RETURN = 6.0, 4.0, 3.0, 5.0
 IMU, SETPOINT = wire.MAVLINK_MSG_ID_HIGHRES_IMU, wire.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET
+ASKED = {wire.MAVLINK_MSG_ID_HEARTBEAT, wire.MAVLINK_MSG_ID_COMMAND_ACK, wire.MAVLINK_MSG_ID_STATUSTEXT}
+"""What the pilot reads: to decode all streams would take a third of the time."""
 CALM = load_scenario("calm")
 Tamper = Callable[[bytes], list[bytes]]
 
@@ -110,10 +112,11 @@ class Airfield:
             sent = self.vehicle.poll(self.now_us)
             for datagram, peer in sent:
                 if peer == PILOT:
-                    self.heard += [frame.message() for frame in parse(datagram)]
+                    self.heard += [frame.message() for frame in parse(datagram) if frame.message_id in ASKED]
                 elif self.controller is not None and not self.controller.finished:
                     self.controller.receive(datagram, VEHICLE, self.now_us)
-                    self.samples += [frame.message().time_usec for frame in parse(datagram) if frame.message_id == IMU]
+                    stamps = [frame.payload[:8] for frame in parse(datagram) if frame.message_id == IMU]
+                    self.samples += [int.from_bytes(stamp, "little") for stamp in stamps]
             answers: list = []
             if self.controller is not None and not self.controller.finished:
                 answers = self.controller.poll(self.now_us)

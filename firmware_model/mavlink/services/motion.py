@@ -5,14 +5,13 @@ MAVLink, messages 30, 31, 105, 115, 231.
 
 import math
 
-import numpy as np
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
 from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
 from firmware_model.numerics.compiled import compiled
-from firmware_model.numerics.rotations import euler_angles, rotate
+from firmware_model.numerics.rotations import rotate, to_euler
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import ImuSample, Quaternion, Vector
 
@@ -65,8 +64,7 @@ def _air_velocity_N(q_NB: Quaternion, gust_B: Vector, wind_N: Vector) -> Vector:
 
 def attitude_message(sample: ImuSample, q_NB: Quaternion) -> Message:
     """Return ATTITUDE from the on-board estimate `q_NB` and the measured rates."""
-    euler = euler_angles(np.array([q_NB]))[0].tolist()
-    return wire.MAVLink_attitude_message(sample.time_us // 1000, *euler, *sample.gyro_B)
+    return wire.MAVLink_attitude_message(sample.time_us // 1000, *to_euler(q_NB), *sample.gyro_B)
 
 
 def attitude_quaternion_message(sample: ImuSample, q_NB: Quaternion) -> Message:
