@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.uncertainty import load_vehicle_set
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import FullScale, load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.logs.identify.identification import Interval
 from gustproof.logs.identify.vehicle_file import Known, make_vehicle_file
@@ -63,6 +63,22 @@ def test_motors_alone_give_the_torque_of_all_on_one_side(perfect, tmp_path):
     limit = np.array([60.0, 41.0, 6.0]) * vehicles.nominal.inertia_B
     assert vehicles.nominal.torque_limit == pytest.approx(limit, rel=1e-4)
     assert vehicles.spreads["inertia_B.z"].low == pytest.approx(vehicles.nominal.inertia_B[2] / 1.1, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("unit", "motors", "known", "scale"),
+    [
+        (CommandUnit.NEWTON_METRES, False, Known(like="iris"), FullScale.ROTORS),
+        (CommandUnit.NEWTON_METRES, False, Known(mass=1.5), FullScale.UNKNOWN),
+        (CommandUnit.NORMALISED, True, Known(like="iris"), FullScale.UNKNOWN),
+        (CommandUnit.NORMALISED, False, Known(mass=1.5), FullScale.MEASURED),
+    ],
+)
+def test_a_log_in_newton_metres_knows_the_full_scale_only_of_rotors_that_are_known(
+    perfect, tmp_path, unit, motors, known, scale
+):
+    found = replace(perfect(IRIS, unit=unit), motor_gains=np.ones((3, 4)) if motors else None)
+    assert loaded(make_vehicle_file("mine", found, known), tmp_path).nominal.command.full_scale is scale
 
 
 @pytest.mark.parametrize("factor", [0.02, 8.0])
