@@ -1,15 +1,18 @@
 """Airframe data of a vehicle file (TOML): the numbers behind simulation and design models."""
 
+import json
 import math
 from dataclasses import field, replace
 from enum import Enum
 from functools import lru_cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
+from pydantic_core import to_jsonable_python
 
 from firmware_model.config.fields import Finite, NonNegative, Positive, PositiveVector, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
@@ -407,16 +410,16 @@ def list_vehicles() -> tuple[str, ...]:
     return list_shipped(VEHICLES)
 
 
-def is_named(vehicle: Vehicle, name: str) -> bool:
-    """Return whether a name means a vehicle: it is the vehicle's own, or a shipped one's with the same numbers.
+def vehicle_digest(vehicle: Vehicle) -> str:
+    """Return the SHA-256 of all numbers of a vehicle: that of a copy under another name is the same.
 
     Examples
     --------
     >>> from dataclasses import replace
-    >>> copy = replace(load_vehicle("iris"), name="my-iris")
-    >>> is_named(copy, "iris"), is_named(replace(copy, mass=1.8), "iris")
-    (True, False)
+    >>> iris = load_vehicle("iris")
+    >>> copies = replace(iris, name="my-iris"), replace(iris, mass=1.8)
+    >>> [vehicle_digest(copy) == vehicle_digest(iris) for copy in copies]
+    [True, False]
     """
-    if name == vehicle.name or name not in list_vehicles():
-        return name == vehicle.name
-    return replace(load_vehicle(name), name=vehicle.name, source=vehicle.source) == vehicle
+    numbers = replace(vehicle, name="x", source="", description="", rate_damping=vehicle.rate_damping_B)
+    return sha256(json.dumps(to_jsonable_python(numbers), sort_keys=True).encode()).hexdigest()

@@ -208,12 +208,11 @@ def _load_vehicle(law: "Law", vehicle: str | None) -> "Vehicle":
 
     if vehicle is not None:
         return load_vehicle(vehicle)
-    try:
-        return load_vehicle(law.provenance.vehicle)
-    except ConfigError:
+    if (shipped := law.provenance.shipped_vehicle) is None:
         raise ConfigError(
             f"law '{law.name}' is for vehicle '{law.provenance.vehicle}', which is not shipped: give --vehicle FILE"
-        ) from None
+        )
+    return load_vehicle(shipped)
 
 
 def _judge_loop(law: "Law", vehicle: "Vehicle", *, anyway: bool) -> dict[str, Any]:
@@ -297,8 +296,10 @@ def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: st
 def _bound_rounding(law: "Law", vehicle: str | None) -> dict[str, Any]:
     from gustproof.prove.rounding import certify_rounding
 
+    if (named := vehicle or law.provenance.shipped_vehicle) is None:
+        return {"proven": False, "statement": "No bound of the rounding is proved without --vehicle."}
     try:
-        return certify_rounding(law, vehicle or law.provenance.vehicle).to_dict()
+        return certify_rounding(law, named).to_dict()
     except ValueError as error:
         return {"proven": False, "statement": f"No bound of the rounding is proved: {error}."}
 

@@ -200,7 +200,7 @@ def _print_warnings(plan: "FlightPlan | ExternalPlan") -> None:
     if not isinstance(plan, FlightPlan):
         tell_rate(plan.scenario, plan.autopilot.kind)
     elif isinstance(plan.controller, Law):
-        for warning in warnings(plan.scenario, plan.controller, plan.vehicle):
+        for warning in warnings(plan.scenario, plan.controller, plan.vehicle, plan.nominal):
             print(f"gustproof: warning: {warning}", file=sys.stderr)
 
 

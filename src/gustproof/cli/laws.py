@@ -89,18 +89,18 @@ def find_law_vehicle(law: str, vehicle: str | None) -> str:
     ConfigError
         If none is given, and the law names none that is shipped.
     """
-    from firmware_model.config.vehicle import is_named, list_vehicles, load_vehicle
-    from gustproof.law.form import load_law
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.law.form import doubt_vehicle, load_law
 
-    made_for = load_law(law).provenance.vehicle
+    found = load_law(law)
+    made_for, shipped = found.provenance.vehicle, found.provenance.shipped_vehicle
     if vehicle is None:
-        if made_for not in list_vehicles():
+        if shipped is None:
             named = f"was designed for vehicle '{made_for}', which is not shipped" if made_for else "names no vehicle"
             raise ConfigError(f"law '{law}' {named}: give --vehicle FILE")
-        return made_for
-    if made_for and not is_named(given := load_vehicle(vehicle), made_for):
-        warning = printable(f"law '{law}' was designed for vehicle '{made_for}', not '{given.name}'")
-        print(f"gustproof: warning: {warning}", file=sys.stderr)
+        return shipped
+    if doubt := doubt_vehicle(found, load_vehicle(vehicle)):
+        print(f"gustproof: warning: {printable(doubt)}", file=sys.stderr)
     return vehicle
 
 
@@ -136,7 +136,7 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     from gustproof.law.form import load_law
 
     shipped, name = load_law(DEFAULT_LAW), vehicles.nominal.name
-    if shipped.provenance.vehicle == name:
+    if shipped.provenance.fits(vehicles.nominal):
         return shipped
     from dataclasses import replace
 

@@ -20,7 +20,6 @@ from gustproof.robust.lft.interconnection import Interconnection
 from gustproof.robust.lpv.lpvsyn import LftController
 from gustproof.robust.lti.margins import LoopMargins, Margins, margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
-from gustproof.version import __version__
 
 _AXES = ("roll", "pitch", "yaw")
 
@@ -220,9 +219,7 @@ def _make_provenance(design: Design, vehicle: Vehicle, result: CheckedController
         parameters |= _by_axis(name, getattr(design, name) or ())
     for name in ("W_d", "W_n", "W_e", "W_u", "W_r"):
         parameters |= _weight_parameters(name, getattr(design, name))
-    return Provenance(
-        design=f"{design.name}: {design.description}", vehicle=vehicle.name, parameters=parameters, version=__version__
-    )
+    return Provenance.of(vehicle, f"{design.name}: {design.description}", parameters)
 
 
 def _weight_parameters(name: str, weight: Weight | None) -> dict[str, float]:

@@ -22,8 +22,9 @@ analysis at hover is again that of A to H alone. A law may have no schedule: the
 
 import json
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from functools import cache
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,10 @@ from numpy.typing import NDArray
 
 from firmware_model.config.files import checked_name, list_shipped, parse_json, read_text, shipped_path, write_text
 from firmware_model.config.validation import sanitize_line
+from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle, vehicle_digest
 from firmware_model.errors import ConfigError
 from gustproof.types import readonly_copy
+from gustproof.version import __version__
 
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
@@ -69,6 +72,11 @@ class Output(Enum):
     """[rad/s] B, sent as SET_ATTITUDE_TARGET and tracked by the autopilot's own loop."""
 
 
+@cache
+def _shipped_digest(name: str) -> str:
+    return vehicle_digest(load_vehicle(name))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Origin of a law: enough to derive it again.
@@ -88,10 +96,33 @@ class Provenance:
     """Figures of the design by name: weights, levels, margins; names carry units other than SI."""
     version: str = ""
     """Version of gustproof that made the law."""
+    vehicle_digest: str = ""
+    """SHA-256 of the numbers of the vehicle; absent for a shipped one."""
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, design: str, parameters: dict[str, float]) -> "Provenance":
+        """Return the origin of a law that is made now for a vehicle."""
+        found = cls(design=design, vehicle=vehicle.name, parameters=parameters, version=__version__)
+        digest = vehicle_digest(vehicle)
+        shipped = vehicle.name in list_vehicles() and digest == _shipped_digest(vehicle.name)
+        return found if shipped else replace(found, vehicle_digest=digest)
+
+    @property
+    def shipped_vehicle(self) -> str | None:
+        """Name of the vehicle of the design if that is a shipped one."""
+        return None if self.vehicle_digest or self.vehicle not in list_vehicles() else self.vehicle
+
+    def fits(self, vehicle: Vehicle) -> bool:
+        """Return whether a vehicle has the numbers of the design's, whatever its name is.
+
+        Where the law tells no numbers, the names are compared; a law of no vehicle fits each.
+        """
+        digest = self.vehicle_digest or (self.shipped_vehicle and _shipped_digest(self.shipped_vehicle))
+        return digest == vehicle_digest(vehicle) if digest else self.vehicle in ("", vehicle.name)
 
     def __post_init__(self) -> None:
         """Check that texts are texts and figures are numbers."""
-        for key in ("design", "vehicle", "version"):
+        for key in ("design", "vehicle", "version", "vehicle_digest"):
             if not isinstance(getattr(self, key), str):
                 raise ValueError(f"provenance.{key}: is {getattr(self, key)!r}, must be a text")
         if not isinstance(self.parameters, dict):
@@ -294,12 +325,22 @@ class Law:
                 "vehicle": self.provenance.vehicle,
                 "parameters": self.provenance.parameters,
                 "version": self.provenance.version,
+                **({"vehicle_digest": digest} if (digest := self.provenance.vehicle_digest) else {}),
             },
         }
 
     def save(self, path: str | Path) -> None:
         """Write the law as JSON; every number is kept to the bit."""
         write_text(Path(path), _format_document(self.to_dict()))
+
+
+def doubt_vehicle(law: Law, vehicle: Vehicle) -> str:
+    """Return in words that a law was designed for a vehicle of other numbers; empty if it was not."""
+    if law.provenance.fits(vehicle):
+        return ""
+    made_for = law.provenance.vehicle
+    other = f"not '{vehicle.name}'" if made_for != vehicle.name else "but of other numbers"
+    return f"law '{law.name}' was designed for vehicle '{made_for}', {other}"
 
 
 def load_law(name_or_path: str | Path) -> Law:
@@ -430,7 +471,7 @@ def _parse_law(document: Any) -> Law:
     provenance = document["provenance"]
     if not isinstance(provenance, dict):
         raise ValueError("provenance: must be an object")
-    if unknown := sorted(set(provenance) - {"design", "vehicle", "parameters", "version"}):
+    if unknown := sorted(set(provenance) - {"design", "vehicle", "parameters", "version", "vehicle_digest"}):
         raise ValueError(f"provenance.{unknown[0]}: unknown key")
     outputs = [output.value for output in Output]
     if document["output"] not in outputs:

@@ -3,11 +3,14 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from gustproof.law.form import Law, LawFileError, load_law, parse_law
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.law.form import Law, LawFileError, Provenance, doubt_vehicle, load_law, parse_law
+from gustproof.law.write.matrices import read_law, save_mat
 
 Maker = Callable[..., Law]
 
@@ -155,3 +158,18 @@ def test_arrays_of_a_law_can_not_be_changed(make_law: Maker) -> None:
 def test_exact_kinematics_need_attitude_and_rates_in_the_state(make_law: Maker) -> None:
     with pytest.raises(ValueError, match="G is not 0 but A has order 3"):
         make_law(3)
+
+
+def test_a_law_of_an_own_vehicle_is_for_its_numbers_whatever_the_name(tmp_path: Path) -> None:
+    paper = load_vehicle("paper")
+    own, pid = replace(paper, name="iris", mass=11.0), load_law("pid-fair")
+    law = replace(pid, provenance=Provenance.of(own, "by hand", {}))
+    law.save(tmp_path / "own.json")
+    save_mat(law, tmp_path / "own.mat")
+    for read in (load_law(tmp_path / "own.json"), read_law(str(tmp_path / "own.mat"))):
+        assert read.provenance == law.provenance
+        assert read.provenance.shipped_vehicle is None
+        for name in ("iris", "paper", "my twin \u2708"):
+            assert doubt_vehicle(read, replace(own, name=name)) == ""
+            assert doubt_vehicle(read, replace(paper, name=name)) != ""
+    assert "vehicle_digest" not in replace(pid, provenance=Provenance.of(paper, "by hand", {})).to_dict()["provenance"]

@@ -25,7 +25,6 @@ from gustproof.errors import DesignError
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.cascade import Gains, cascade_law, gain_parameters, plain_axis
 from gustproof.law.form import Law, Matrix, Provenance
-from gustproof.version import __version__
 
 RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
 """[-] frequencies of the experiment over the target bandwidth."""
@@ -153,11 +152,10 @@ def autotune_pid(
         )
         gains.append(tune_axis(response, inertia, dt, phase_margin=phase_margin))
     targets = {"bandwidth_rad_s": bandwidth, "phase_margin_rad": phase_margin}
-    provenance = Provenance(
-        design="cascaded PID by an autotuner: frequency-response experiment flown, then bandwidth and phase margin",
-        vehicle=vehicle.name,
-        parameters={**targets, "amplitude_rad_s2": amplitude, "seed": float(seed), **gain_parameters(gains)},
-        version=__version__,
+    provenance = Provenance.of(
+        vehicle,
+        "cascaded PID by an autotuner: frequency-response experiment flown, then bandwidth and phase margin",
+        {**targets, "amplitude_rad_s2": amplitude, "seed": float(seed), **gain_parameters(gains)},
     )
     axes = [plain_axis(g, inertia, dt) for g, inertia in zip(gains, vehicle.inertia_B, strict=True)]
     return cascade_law(name, axes, vehicle, dt, provenance)

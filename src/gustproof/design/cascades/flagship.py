@@ -33,7 +33,6 @@ from gustproof.errors import DesignError
 from gustproof.law.cascade import Gains, cascade_law
 from gustproof.law.form import Law, Provenance
 from gustproof.robust.lti.margins import loop_margins
-from gustproof.version import __version__
 
 _WEIGHT = 1e-9
 """[s^2 rad^2/(N*m)^2] initial weight of mean square slew, at the slew of `SHIPPED_LIMITS`."""
@@ -98,11 +97,10 @@ def flagship_law(
         "foretold_slew_nm_per_s": slew,
         **axis_parameters(each._asdict() for each in gains),
     }
-    provenance = Provenance(
-        design=f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
-        vehicle=vehicle.name,
-        parameters=parameters,
-        version=__version__,
+    provenance = Provenance.of(
+        vehicle,
+        f"strapdown cascade with a biquad, of least attitude error in scenario '{scenario.name}'",
+        parameters,
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)
 

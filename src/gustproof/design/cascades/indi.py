@@ -36,7 +36,6 @@ from gustproof.law.cascade import AxisLaw, cascade_law, limit_by_reference
 from gustproof.law.form import Law, Provenance
 from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.state_space import Lti
-from gustproof.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,11 +151,10 @@ def indi_law(
         gains = tune(models_of_axes(vehicle, corners, scenario), axis, starts, "INDI", limits)
     limit = vehicle.stabilizer.rate_limit
     axes = [indi_axis(each, J, lag, delay, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
-    provenance = Provenance(
-        design="incremental nonlinear dynamic inversion on strapdown attitude, "
+    provenance = Provenance.of(
+        vehicle,
+        "incremental nonlinear dynamic inversion on strapdown attitude, "
         f"gains of least attitude error in scenario '{scenario.name}'",
-        vehicle=vehicle.name,
-        parameters={**limits.parameters(), **axis_parameters(map(asdict, gains))},
-        version=__version__,
+        {**limits.parameters(), **axis_parameters(map(asdict, gains))},
     )
     return cascade_law(name, axes, vehicle, dt, provenance)

@@ -8,7 +8,6 @@ from gustproof.airframe.covariance import AxisModel
 from gustproof.design.cascades.tuning import FAIR_LIMITS, SLOWER, TuningLimits, loop_speed, models_of_axes, tune
 from gustproof.law.cascade import AxisLaw, Gains, cascade_law, gain_parameters, strapdown_axis
 from gustproof.law.form import Law, Provenance
-from gustproof.version import __version__
 
 
 def _start(speed: float) -> Gains:
@@ -51,10 +50,9 @@ def baseline_pid(
     gains = tune_pid_gains(vehicle, scenario, limits, corners) if gains is None else gains
     limit, dt = vehicle.stabilizer.rate_limit, scenario.dt
     axes = [strapdown_axis(each, J, dt, limit) for each, J in zip(gains, vehicle.inertia_B, strict=True)]
-    provenance = Provenance(
-        design=f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
-        vehicle=vehicle.name,
-        parameters={**limits.parameters(), **gain_parameters(gains)},
-        version=__version__,
+    provenance = Provenance.of(
+        vehicle,
+        f"strapdown cascade, gains of least attitude error in scenario '{scenario.name}'",
+        {**limits.parameters(), **gain_parameters(gains)},
     )
     return cascade_law(name, axes, vehicle, scenario.dt, provenance)

@@ -19,7 +19,6 @@ from gustproof.design.tune import TuningTask
 from gustproof.law.cascade import AxisLaw, cascade_law
 from gustproof.law.form import Law, Matrix, Provenance
 from gustproof.robust.lti.state_space import Lti
-from gustproof.version import __version__
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -55,11 +54,10 @@ class AxisStructure(Generic[Record]):
         loops = [self.build(each, model) for each, (model, *_) in zip(gains, axes, strict=True)]
         order = max(each.loop.order for each in loops)
         built = [each.axis_law(order, vehicle.stabilizer.rate_limit) for each in loops]
-        provenance = Provenance(
-            design=f"{self.design}, of least attitude error in scenario '{scenario.name}'",
-            vehicle=vehicle.name,
-            parameters={**limits.parameters(), **axis_parameters(map(asdict, gains))},
-            version=__version__,
+        provenance = Provenance.of(
+            vehicle,
+            f"{self.design}, of least attitude error in scenario '{scenario.name}'",
+            {**limits.parameters(), **axis_parameters(map(asdict, gains))},
         )
         return cascade_law(task.name, built, vehicle, scenario.dt, provenance)
 

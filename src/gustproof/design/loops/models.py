@@ -25,7 +25,6 @@ from gustproof.design.loops.px4_loops import PX4
 from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, complete, describe_defaults, drop_fractions
 from gustproof.law.cascade import AxisLaw, cascade_law
 from gustproof.law.form import Law, Provenance
-from gustproof.version import __version__
 
 AUTOPILOTS: Mapping[str, AutopilotLoops] = {"px4": PX4, "ardupilot": ARDUPILOT}
 """Loops by the names of `--autopilot`."""
@@ -89,11 +88,10 @@ def autopilot_law(
         _match(axes),
         vehicle,
         1.0 / rate,
-        Provenance(
-            design=f"loops of {autopilot.name}, {autopilot.version}, at {rate} Hz",
-            vehicle=vehicle.name,
-            parameters=values | {autopilot.loop_rate[0]: rate},
-            version=__version__,
+        Provenance.of(
+            vehicle,
+            f"loops of {autopilot.name}, {autopilot.version}, at {rate} Hz",
+            values | {autopilot.loop_rate[0]: rate},
         ),
     )
     return AutopilotLaw(

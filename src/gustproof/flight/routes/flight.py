@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.events import ControllerKill
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body, is_named
+from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
 from firmware_model.errors import ConfigError
 from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
@@ -31,7 +31,7 @@ from gustproof.flight.routes.upsets import describe_upsets
 from gustproof.flight.scoring.metrics import Metrics, measure
 from gustproof.flight.scoring.own_view import OwnView, compare_estimates
 from gustproof.flight.scoring.requirements import RequirementResult, judge
-from gustproof.law.form import Law, parse_law
+from gustproof.law.form import Law, doubt_vehicle, parse_law
 from gustproof.types import Records
 from gustproof.version import software_versions
 
@@ -81,6 +81,8 @@ class Flight:
     """(n,) attitudes as a real autopilot told them, see `firmware_model.recording.estimates`; `None` for our own."""
     bag: Path | None = None
     """Folder of the bag; `None` if no sample was flown, or nothing was recorded."""
+    nominal: Vehicle | None = None
+    """Vehicle of which the flown one is a sample; `None` if it is none."""
 
     @cached_property
     def metrics(self) -> Metrics | None:
@@ -131,7 +133,7 @@ class Flight:
             )
         if self.law is None:
             return ()
-        known = warnings(self.scenario, self.law, self.vehicle)
+        known = warnings(self.scenario, self.law, self.vehicle, self.nominal)
         missed = (self.timing or {}).get("missed_samples", 0)
         if not missed or self.scenario.has_link_script:  # losses that the script causes need no warning
             return known
@@ -176,7 +178,7 @@ class FlightPlan(NamedTuple):
     real_time: bool
     """True at the pace of the clock; otherwise lockstep, where each repetition gives the same bits."""
     nominal: Vehicle | None = None
-    """Vehicle that the maker of an entry gets; `None` for the flown one."""
+    """Vehicle of which the flown one is a sample: what the maker of a controller knows; `None` for the flown one."""
 
     @property
     def name(self) -> str:
@@ -233,16 +235,14 @@ def check(scenario: Scenario, controller: Controller, vehicle: Vehicle) -> None:
         after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"
         check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
     if isinstance(controller, Law) and (line := objection(scenario, controller, vehicle)):
-        made_for = controller.provenance.vehicle
-        other = f", and designed for '{made_for}'" if made_for and not is_named(vehicle, made_for) else ""
+        other = "" if controller.provenance.fits(vehicle) else f", and designed for '{controller.provenance.vehicle}'"
         raise ConfigError(f"{line}{other}; --anyway flies it all the same")
 
 
-def warnings(scenario: Scenario, law: Law, vehicle: Vehicle) -> tuple[str, ...]:
-    """Return reasons to doubt the figures of a flight, a line each."""
+def warnings(scenario: Scenario, law: Law, vehicle: Vehicle, nominal: Vehicle | None = None) -> tuple[str, ...]:
+    """Return reasons to doubt the figures of a flight of a vehicle, or of a sample of a `nominal` one, a line each."""
     lines = [line for line in (objection(scenario, law, vehicle) or _doubt_link(scenario, law, vehicle),) if line]
-    if law.provenance.vehicle and not is_named(vehicle, law.provenance.vehicle):
-        lines.append(f"law '{law.name}' was designed for vehicle '{law.provenance.vehicle}', not '{vehicle.name}'")
+    lines += [line for line in (doubt_vehicle(law, nominal or vehicle),) if line]
     lines += [
         f"vehicle '{vehicle.name}' can't hover after the rotor failure at {sample * scenario.dt:g} s"
         for sample, plant in fault_schedule(vehicle, scenario)
@@ -268,9 +268,13 @@ def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     scenario, controller, vehicle, seed, real_time = parse_metadata(metadata, source)
     if controller is None:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
+    return FlightPlan(scenario, controller, vehicle, seed, real_time, parse_nominal(metadata, source))
+
+
+def parse_nominal(metadata: Mapping[str, Any], source: Path) -> Vehicle | None:
+    """Return the vehicle of which the flown one is a sample; raises `ConfigError` as `parse_plan` does."""
     nominal = metadata.get("nominal")
-    known = None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
-    return FlightPlan(scenario, controller, vehicle, seed, real_time, known)
+    return None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
 
 
 def _describe_controller(controller: Controller) -> dict[str, Any]:

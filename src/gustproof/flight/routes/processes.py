@@ -134,7 +134,7 @@ def fly_plan(
         scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {controller.name}, seed {seed}: {words}{reason}",
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
-        timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal,
+        timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal, nominal=plan.nominal,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import UNFINISHED_PREFIX, write_bag
 from gustproof.flight.recording.difference import first_difference
 from gustproof.flight.routes.external import ExternalPlan, fly_external
-from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata
+from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata, parse_nominal
 from gustproof.flight.routes.outcome import describe, infer_outcome
 from gustproof.flight.routes.processes import WORKING_PREFIX, fly_plan
 
@@ -102,7 +102,7 @@ def _recover(journal: Path) -> Flight:
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     flight = Flight(
         scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
-        message="", journal=journal, autopilot=metadata.get("autopilot"),
+        message="", journal=journal, nominal=parse_nominal(metadata, journal), autopilot=metadata.get("autopilot"),
         estimates=read_estimates(journal.with_suffix(ATTITUDE_SUFFIX)) if "autopilot" in metadata else None,
     )  # fmt: skip
     flight = replace(flight, message=f"{scenario.name}, {flight.pilot_name}, seed {seed}: {ended}")

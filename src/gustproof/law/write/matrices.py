@@ -8,7 +8,6 @@ U, V and rate_limits. A scheduled one has J, K, L, P, Q and schedule_limits, and
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -151,7 +150,7 @@ def _tables(law: Law) -> dict[str, Matrix]:
 
 
 def _metadata(law: Law) -> dict[str, Any]:
-    provenance = json.dumps(asdict(law.provenance), ensure_ascii=False)
+    provenance = json.dumps(law.to_dict()["provenance"], ensure_ascii=False)
     metadata = {"dt": law.dt, "name": law.name, "output": law.output.value, "provenance": provenance}
     return metadata if law.schedule is None else {**metadata, "parameters": " ".join(law.schedule.parameters)}
 

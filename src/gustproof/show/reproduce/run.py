@@ -102,7 +102,7 @@ class Reproduction:
         document = render_reproduction(
             self.medians, self.margins, self.limits, self.places, self.claims, self.vehicle, load_scenario("paper")
         )
-        tuned = [law.name for law in self.laws.values() if law.provenance.vehicle == self.vehicle.name]
+        tuned = [law.name for law in self.laws.values() if law.provenance.fits(self.vehicle)]
         missing = [name for name in LAWS if name not in self.laws]
         lines = [f"made for '{self.vehicle.name}': {', '.join(tuned)}"]
         if missing:

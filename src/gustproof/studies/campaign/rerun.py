@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.studies.campaign.plan import Campaign
@@ -32,7 +31,7 @@ class CampaignRun(NamedTuple):
         script = case.apply_to(self.campaign.scenario)
         if isinstance(law, ExternalAutopilot):
             return ExternalPlan(script, law, case.vehicle, case.seed, real_time=False)
-        nominal = self.campaign.vehicles.nominal if isinstance(law, UserController) else None
+        nominal = self.campaign.vehicles.nominal
         return FlightPlan(script, law, case.vehicle, case.seed, real_time=False, nominal=nominal)
 
     def differences(self, flight: Flight) -> list[str]:

@@ -106,7 +106,7 @@ def make_controller(entry: LeagueEntry, vehicles: VehicleSet) -> Controller:
     """
     source, vehicle = entry.source.replace(VEHICLE_FIELD, vehicles.nominal.name), vehicles.nominal
     name, at, peak = source.partition("@")
-    if not at and name in list_laws() and (law := load_law(name)).provenance.vehicle == vehicle.name:
+    if not at and name in list_laws() and (law := load_law(name)).provenance.fits(vehicle):
         return law
     if name in _tuners():
         return _tuners()[name](vehicles, _parse_peak(source, peak) if at else SENSITIVITY_PEAK)

@@ -136,11 +136,20 @@ def test_check_refuses_a_law_that_is_unstable_on_the_vehicle():
     assert warnings(SHORT, load_law("pid-fair"), IRIS) == (unstable, other)
 
 
-def test_a_renamed_copy_of_the_laws_vehicle_is_no_other():
-    copy = replace(PAPER, name="my-twin")
-    assert warnings(SHORT, load_law("pid-fair"), copy) == ()
-    other = warnings(SHORT, load_law("pid-fair"), replace(copy, mass=1.01 * copy.mass))
-    assert other == ("law 'pid-fair' was designed for vehicle 'paper', not 'my-twin'",)
+@pytest.mark.parametrize("name", ["my-twin", "paper"])
+def test_a_law_of_a_shipped_vehicle_is_for_its_numbers_whatever_the_name(name):
+    copy = replace(PAPER, name=name, source="mine", description="mine", rate_damping=PAPER.rate_damping_B)
+    law = load_law("pid-fair")
+    assert warnings(SHORT, law, copy) == ()
+    assert warnings(SHORT, law, replace(copy, mass=11.0), copy) == ()  # a campaign's sample
+    told = "not 'my-twin'" if name == "my-twin" else "but of other numbers"
+    doubt = (f"law 'pid-fair' was designed for vehicle 'paper', {told}",)
+    for other in (
+        {"mass": 1.01 * copy.mass},
+        {"inertia_B": (0.25, 0.2, 0.13)},
+        {"rotors": load_vehicle("octo").rotors},
+    ):
+        assert warnings(SHORT, law, replace(copy, **other)) == doubt
 
 
 def test_another_vehicles_law_is_named_where_it_is_stable():

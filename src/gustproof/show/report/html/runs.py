@@ -9,7 +9,7 @@ from firmware_model.errors import ConfigError
 from gustproof.flight.recording.bag import read_bag, read_estimate_topics
 from gustproof.flight.recording.folder import find_bags
 from gustproof.flight.routes.external import parse_autopilot
-from gustproof.flight.routes.flight import Flight, by_kind, parse_metadata
+from gustproof.flight.routes.flight import Flight, by_kind, parse_metadata, parse_nominal
 from gustproof.flight.routes.outcome import FlightOutcome, describe
 from gustproof.types import Records
 
@@ -54,6 +54,7 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
     flown: dict[str, Any] = {"scenario": scenario, **by_kind(controller), "vehicle": vehicle, "seed": seed}
+    flown["nominal"] = parse_nominal(about, bag)
     if controller is None:
         parse_autopilot(about["autopilot"], bag)
         flown |= {"autopilot": about["autopilot"], "estimates": read_estimate_topics(bag)}
