@@ -48,6 +48,8 @@ RISK_PERIOD = 600
 """[s] flight over which the risk of an unlimited horizon counts."""
 LEAST_RISK = Fraction(1, 10**12)
 """[-] least risk for which the noise is bounded."""
+_LONGEST_NAME = 100
+"""Characters of a vehicle's name in the assumptions."""
 LONGEST = 10**6
 """[s] longest finite horizon."""
 
@@ -144,8 +146,8 @@ def bind_files(proof: Proof, texts: dict[str, str], left: list[str]) -> Proof:
     A vehicle file need hold no name, so its digest stands for it in the statement.
     """
     made_for = json.loads(texts["law"])["provenance"]["vehicle"]
-    if not isinstance(made_for, str):
-        raise Refusal(f"the law is made for vehicle {made_for!r}, must be a name")
+    if not isinstance(made_for, str) or not made_for.isprintable() or "\\" in made_for or len(made_for) > _LONGEST_NAME:
+        raise Refusal(f"the law is made for vehicle {made_for!a}, must be a name")
     digests = {f"{name}_sha256": sha256(text) for name, text in texts.items()}
     files = {**digests, "law_made_for": made_for.encode("ascii", "backslashreplace").decode() or None}
     words = f"with the vehicle file {digests['vehicle_sha256'][:12]}, {proof.statement}"

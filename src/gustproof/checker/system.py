@@ -38,7 +38,7 @@ class Use(Enum):
     AIR = "its nominal value is part of the proof in a scenario's air, and of the damping where the file states none"
     STATED = "the certificate states the noise; with a scenario the file's own counts"
     EXCLUDED = "anything but 0 is refused where the law reads it"
-    LATE = "more than half a sample, beside the one that the proof has, is refused"
+    LATE = "more than a quarter of a sample, beside the one that the proof has, is refused; less is left out"
     IDLE = "it does not act on the attitude of a vehicle on a stand"
 
 
@@ -252,6 +252,7 @@ def _read_law(text: str) -> LawDocument:
 def _check_vehicle(vehicle: VehicleDocument, *, levelled: bool) -> None:
     """Raise `Refusal` for fields that the proof does not know, and for a bias of a sensor that the law reads."""
     for name, value in _fields(vehicle):
+        _check_spreads(name, value)
         use = VEHICLE_FIELDS.get(name, VEHICLE_FIELDS.get(name.split(".")[0]))
         if use is None:
             raise Refusal(f"the vehicle file has '{name}', of which the proof does not know how it acts")
@@ -261,10 +262,22 @@ def _check_vehicle(vehicle: VehicleDocument, *, levelled: bool) -> None:
             raise Refusal(f"the {sensor} has a bias ({name}): the proof is about one without")
 
 
+def _check_spreads(name: str, value: object) -> None:
+    """Raise `Refusal` for a spread that another reader takes for other numbers: in a unit, or from high to low."""
+    for entry in value if isinstance(value, list) else ():
+        _check_spreads(name, entry)
+    if isinstance(value, dict):
+        if set(value) != {"low", "nominal", "high"}:
+            raise Refusal(f"{name} is a table of {', '.join(sorted(value))}, must be one of low, nominal and high")
+        low, nominal, high = (finite(name, value[key]) for key in ("low", "nominal", "high"))
+        if not low < nominal < high:
+            raise Refusal(f"{name} needs low < nominal < high")
+
+
 def _check_delay(vehicle: VehicleDocument, law: LawDocument) -> None:
-    """Raise `Refusal` if a log measured more delay than the one sample of the proof and the rounding of a model."""
+    """Raise `Refusal` if a log measured more delay than the one sample of the proof: flights then have another."""
     late = _not_negative("command.delay", _nominal(vehicle.get("command", {}).get("delay", 0)))
-    if 2 * late > _positive("dt", [law["dt"]])[0]:
+    if 4 * late > _positive("dt", [law["dt"]])[0]:
         raise Refusal(f"the command acts {float(late):g} s late beside one sample (command.delay): the proof has one")
 
 
@@ -308,6 +321,8 @@ def list_uncovered(
     if noise is not None and noise < _gyro_noise(vehicle["gyro"], dt, "low", "high"):
         nominal = noise < _gyro_noise(vehicle["gyro"], dt, "nominal", "nominal")
         left.append("noise of the gyro" if nominal else "spread of the gyro's noise")
+    if _nominal(vehicle.get("command", {}).get("delay", 0)):
+        left.append("command.delay beside one sample")
     if levelled and _nominal(vehicle.get("accelerometer", {}).get("noise_density", 0)):
         left.append("noise of the accelerometer")
     return left

@@ -202,7 +202,17 @@ LAWS: dict[str, str] = {
     "motors for torques": law_with(output="motors"),
     "an empty schedule": law_with(schedule={}),
     "limits of no size": law_with(limits=[0.0] * 3),
-    "no vehicle's name": law_with(provenance={**json.loads(LAW)["provenance"], "vehicle": ["paper"]}),
+    **{
+        f"made for {made_for!a:.20}": law_with(provenance={**json.loads(LAW)["provenance"], "vehicle": made_for})
+        for made_for in (
+            ["paper"],
+            "paper\nproven",
+            "paper\x1b[2K",
+            "p\u202eaper",
+            "p\\u0430per",
+            "paper in any gust " * 9,
+        )
+    },
     "axes exchanged": law_with(C=json.loads(LAW)["C"][::-1]),
     "other law": law_path("pid-fair").read_text(encoding="utf-8"),
     "other law of this name": json.dumps(
@@ -232,6 +242,17 @@ VEHICLES: dict[str, tuple[str, str]] = {
         f'{VEHICLE}\n[command]\nautopilot = "px4"\nfull_scale = "measured"\ndelay = 0.003\n',
         "beside one sample",
     ),
+    "command half a sample later": (
+        f'{VEHICLE}\n[command]\nautopilot = "px4"\nfull_scale = "measured"\ndelay = 0.0019\n',
+        "beside one sample",
+    ),
+    "lag in a unit": (vehicle_with("nominal = 0.05", 'unit = "ms", nominal = 0.05'), "must be one of low"),
+    "inertia of a share": (vehicle_with("nominal = 0.25", "share = 0.5, nominal = 0.25"), "must be one of low"),
+    "inertia without a low end": (vehicle_with("nominal = 0.25, low = 0.2", "nominal = 0.25"), "must be one of low"),
+    "inertia from high to low": (
+        vehicle_with("nominal = 0.25, low = 0.2, high = 0.3", "nominal = 0.25, low = 0.3, high = 0.2"),
+        "needs low < nominal < high",
+    ),
     "bias of roll": (gyro_with("bias_B = [0.02, 0.0, 0.0]"), "gyro has a bias"),
     "bias of yaw, small": (gyro_with("bias_B = [0.0, 0.0, 1e-12]"), "gyro has a bias"),
     "bias within a spread": (
@@ -249,7 +270,7 @@ VEHICLES: dict[str, tuple[str, str]] = {
     "flexible arms": (VEHICLE + "\n[arms]\nfrequency_hz = 12.0\n", "arms.frequency_hz"),
     "products of inertia": ("inertia_xy = 0.01\n" + VEHICLE, "inertia_xy"),
     "inertia in kg cm^2": (vehicle_with("nominal = 0.25, low = 0.2", "nominal = 2500.0, low = 2000.0"), ""),
-    "inertia a fifth lower": (vehicle_with("nominal = 0.25, low = 0.2", "nominal = 0.2, low = 0.2"), "not close"),
+    "inertia a fifth lower": (vehicle_with("nominal = 0.25, low = 0.2", "nominal = 0.2, low = 0.15"), "not close"),
     "lag in milliseconds": (vehicle_with("nominal = 0.05", "nominal = 50.0"), ""),
     "lag a fifth longer": (vehicle_with("nominal = 0.05", "nominal = 0.06"), "not close"),
     "torque limit in N cm": (
@@ -260,7 +281,7 @@ VEHICLES: dict[str, tuple[str, str]] = {
     "damping of the other sign": (vehicle_with("rate_damping = 0.02", "rate_damping = -0.02"), "negative"),
     "inertia true": (vehicle_with("{ nominal = 0.25, low = 0.2, high = 0.3 }", "true"), "finite number"),
     "two axes": (vehicle_with("    { nominal = 0.25, low = 0.2, high = 0.3 },\n", ""), "3 positive numbers"),
-    "no lag": (vehicle_with("nominal = 0.05", "nominal = 0.0"), "positive"),
+    "no lag": (vehicle_with("nominal = 0.05", "nominal = 0.0"), "low < nominal"),
     "iris": (vehicle_path("iris").read_text(encoding="utf-8"), ""),
 }
 
@@ -554,6 +575,8 @@ def test_what_a_proof_leaves_out_of_the_vehicle_file_is_listed() -> None:
     assert left()[:2] == ["spread of inertia_B", "spread of actuator_lag"]
     assert left()[-1] == "noise of the gyro"
     assert left(inertia=0.2, lag=0.3, noise=0.01) == ["spread of gyro.bias_B"]
+    late = f"{VEHICLE}\n[command]\ndelay = 0.0009\n"
+    assert list_uncovered(late, inertia=1, lag=1, noise=9.0, dt=0.004, levelled=False)[-1].startswith("command.delay")
     assert left(noise=0.0036)[-1] == "spread of the gyro's noise"
     assert "noise of the accelerometer" in left(levelled=True)
     assert "spread of gyro.snr_db" in left(noise=None)

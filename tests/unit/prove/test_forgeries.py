@@ -121,7 +121,7 @@ def test_a_box_is_no_proof_of_another_law_bound_to_it(name):
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("nominal = 0.25, low = 0.2", "nominal = 0.2, low = 0.2", "does not close"),
+        ("nominal = 0.25, low = 0.2", "nominal = 0.2, low = 0.15", "does not close"),
         ("nominal = 0.05", "nominal = 0.06", "does not close"),
         ("range = 34.9", "range = 0.01", "gyro's range"),
         ("torque_limit = [10.0, 10.0, 10.0]", "torque_limit = [2.0, 10.0, 10.0]", "may reach its limit"),
