@@ -48,6 +48,16 @@ def check(evidence: dict[str, Any], *, vehicle: str | None = VEHICLE, scenario: 
     return check_certificate(text, law=LAW, vehicle=vehicle, scenario=scenario)
 
 
+def test_a_share_of_the_gusts_is_not_stated_as_the_whole(breath: FlightCertificate) -> None:
+    for scenario, told in (
+        (AIR, "in Dryden turbulence of 15 m/s"),
+        (f"gust_scale = 0.01\n{AIR}", "in 0.01 times the Dry"),
+    ):
+        verdict = check({**breath.evidence, "scenario_sha256": sha256(scenario)}, scenario=scenario)
+        assert verdict.accepted
+        assert told in verdict.reason
+
+
 @pytest.mark.parametrize("name", ["paper", "iris"])
 def test_the_air_is_the_one_that_the_vehicle_flies_in(name: str) -> None:
     vehicle, text = load_vehicle(name), vehicle_path(name).read_text(encoding="utf-8")
