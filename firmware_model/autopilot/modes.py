@@ -96,7 +96,7 @@ class TransitionResult(Enum):
     """Take-off to a height out of range."""
     LANDING_MODE = "in a landing mode: arming refused"
     """Arming in LAND or RETURN."""
-    TIPPED = "tilted by more than 45 deg: arming refused"
+    TIPPED = "tilted by more than 45 deg: motors stay off"
     """Arming on the side."""
     STICKS = "sticks are not flown: mode refused"
     """Stick mode requested by a client that moves sticks."""
@@ -251,6 +251,8 @@ class Autopilot:
         if self.airborne:
             repeated = self.mode is Mode.TAKEOFF and height == self._takeoff_height
             return TransitionResult.ACCEPTED if repeated else TransitionResult.AIRBORNE
+        if self._navigation_state.tilt > _MAX_ARMING_TILT:
+            return TransitionResult.TIPPED
         if not _TAKEOFF_RANGE_M[0] <= height <= _TAKEOFF_RANGE_M[1]:  # true for NaN too
             return TransitionResult.HEIGHT
         self._takeoff_height = height

@@ -235,11 +235,10 @@ def test_arming_is_refused_in_offboard_whose_stream_has_stopped(autopilot):
     assert autopilot.arm() is TransitionResult.NO_STREAM
 
 
-def test_arming_is_refused_to_a_vehicle_on_its_side(craft, autopilot):
-    craft.at(height=0.0, tilt=math.radians(50.0))
-    assert autopilot.arm() is TransitionResult.TIPPED
-    craft.at(height=0.0, tilt=math.radians(40.0))
-    assert autopilot.arm() is TransitionResult.ACCEPTED
+def test_arming_and_take_off_are_refused_to_a_vehicle_on_its_side(craft, autopilot):
+    for tilt, found in ((50.0, TransitionResult.TIPPED), (40.0, TransitionResult.ACCEPTED)):
+        craft.at(height=0.0, tilt=math.radians(tilt))
+        assert (autopilot.take_off(None), autopilot.arm()) == (found, found)
 
 
 def test_armed_vehicle_on_the_ground_keeps_its_motors_off_and_stays_armed(craft, autopilot):
