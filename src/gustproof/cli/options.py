@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 COMPILING = ": compiling the simulator, once after an installation"
 """End of a line of progress while machine code is made."""
 _FIRST_LINE_S, _NEXT_LINES_S = 2.0, 10.0  # between lines that say what goes on, where there is no terminal
+_OUTPUTS = ("-o", "--better", "--px4", "--ardupilot", "--crazyflie")  # options that name what a command writes
 _SHIPPED = {  # the packages whose folders hold the names of each kind; read without loading what they hold
     "law": ("gustproof.law", "data"),
     "design": ("gustproof.design", "data"),
@@ -112,8 +114,15 @@ def print_json(document: Any) -> None:
 
 
 def print_next(*words: object) -> None:
-    """Print the command that comes next on the road from a log to the board."""
-    print("next: " + printable(shlex.join(["gustproof", *map(str, words)])))
+    """Print the command that comes next on the road from a log to the board; it writes no file that is there."""
+    told = [_free(Path(str(word))) if before in _OUTPUTS else word for before, word in pairwise(("gustproof", *words))]
+    print("next: " + printable(shlex.join(["gustproof", *map(str, told)])))
+
+
+def _free(path: Path) -> Path:
+    """Return a path at which nothing is: this one, or one with a number behind its name."""
+    paths = (path.with_name(f"{path.stem}-{number}{path.suffix}") for number in count(2))
+    return next(each for each in chain([path], paths) if not os.path.lexists(each))
 
 
 def print_again(context: typer.Context, *words: object, without: Iterable[str] = ()) -> None:
