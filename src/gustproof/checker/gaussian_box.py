@@ -179,9 +179,9 @@ def _describe(flight: GaussianFlight, risk: Fraction, box: Box, rest: Box) -> Pr
     scaled = "" if air.gust_scale == 1.0 else f"{print_down(air.gust_scale)} times the "
     words = (
         f"in {scaled}Dryden turbulence of {print_down(air.wind)} m/s at 20 ft and gyro noise of "
-        f"{print_down(air.noise)} rad/s rms, law '{system.name}' keeps for {print_down(air.duration)} s, but for a risk "
-        f"of {print_up(risk)}, its own attitude within {list_up(estimate)} deg and its torque below {list_up(torque)} N*m, with nominal inertia "
-        "and lag; "
+        f"{print_down(air.noise)} rad/s rms, law '{system.name}' keeps for {print_down(air.duration)} s, but for a "
+        f"risk of {print_up(risk)}, its own attitude within {list_up(estimate)} deg and its torque below "
+        f"{list_up(torque)} N*m, with nominal inertia and lag; "
     )
     words += (
         f"the true attitude stays within {list_up(each for each in truth if each is not None)} deg" if truth else why
