@@ -101,8 +101,8 @@ def describe_event(event: Any) -> str:
     if event.kind == "attitude":
         return f"reference {_value(event.euler_deg) or '0'} deg"
     names = [each.name for each in fields(event) if each.name not in ("kind", "at_s", *_EVENT_ENDS)]
-    told = {_words(name): text for name in names if (text := _value(getattr(event, name)))}
-    values = told.values() if len(told) == 1 else (f"{name} {text}" for name, text in told.items())
+    shown = {_words(name): text for name in names if (text := _value(getattr(event, name)))}
+    values = shown.values() if len(shown) == 1 else (f"{name} {text}" for name, text in shown.items())
     return " ".join((_words(event.kind), "; ".join(values))).strip()
 
 

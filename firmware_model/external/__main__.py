@@ -126,7 +126,7 @@ def _fly(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> dict
                 **external.facts(),
                 "unknown_parameters": client.reader.unknown,
                 "rounded_parameters": client.reader.rounded,
-                "read_back": client.reader.told,
+                "read_back": client.reader.reported,
             },
             "texts": list(client.texts),
             "link": client.channel.stats(),

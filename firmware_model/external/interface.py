@@ -161,8 +161,8 @@ def check_law_inside(program: Path, wanted: str) -> None:
     ConfigError
         If the program tells of another law.
     """
-    told = re.search(rb"Law '([\w.-]+)' in (?:place|control)", program.read_bytes())
-    inside = told[1].decode() if told else wanted
+    found = re.search(rb"Law '([\w.-]+)' in (?:place|control)", program.read_bytes())
+    inside = found[1].decode() if found else wanted
     if wanted not in (inside, re.sub(r"-[\d_]+hz$", "", inside)):
         raise ConfigError(f"{program}: law '{inside}' is built into it, not '{wanted}'")
 

@@ -32,7 +32,7 @@ class ParameterReader:
         self._asked = dict.fromkeys((*self._values, *watched), 0)
         self._absent: list[str] = []
         self._whole: set[str] = set()
-        self.told: dict[str, float] = {}
+        self.reported: dict[str, float] = {}
 
     @property
     def finished(self) -> bool:
@@ -47,7 +47,7 @@ class ParameterReader:
     @property
     def rounded(self) -> dict[str, float]:
         """Values that the autopilot keeps as whole numbers, where a fraction was set."""
-        return {name: told for name, told in self._differing().items() if self._is_cut(name, told)}
+        return {name: reported for name, reported in self._differing().items() if self._is_cut(name, reported)}
 
     def next_names(self) -> list[str]:
         """Return the names to ask for now, those that were asked for least; call it at a steady pace."""
@@ -65,28 +65,32 @@ class ParameterReader:
         if name in self._asked or name in self._absent:
             self._asked.pop(name, None)
             self._absent = [each for each in self._absent if each != name]
-            self.told[name] = parse_parameter(message, bytewise=self._bytewise)
+            self.reported[name] = parse_parameter(message, bytewise=self._bytewise)
             if is_whole_parameter(message):
                 self._whole.add(name)
 
     def describe_faults(self) -> str:
         """Return in words why a flight with these parameters is not the one that was asked for; empty if it is."""
-        if self._values and not self._values.keys() & self.told.keys():
+        if self._values and not self._values.keys() & self.reported.keys():
             return f"it answers for none of the {len(self._values)} parameters that were set"
         if absent := [name for name in self.unknown if name in self._vital]:
             return f"it has no parameter {absent[0]}{_more(absent)}"
-        wrong = {name: told for name, told in self._differing().items() if not self._is_cut(name, told)}
-        for name, told in wrong.items():
-            return f"it has {name} {told:.7g} where {self._values[name]:.7g} was set{_more(wrong)}"
+        wrong = {name: reported for name, reported in self._differing().items() if not self._is_cut(name, reported)}
+        for name, reported in wrong.items():
+            return f"it has {name} {reported:.7g} where {self._values[name]:.7g} was set{_more(wrong)}"
         return ""
 
     def _differing(self) -> dict[str, float]:
-        pairs = {name: (self.told[name], value) for name, value in self._values.items() if name in self.told}
-        return {name: told for name, (told, value) in pairs.items() if not math.isclose(told, value, rel_tol=_FLOAT32)}
+        pairs = {name: (self.reported[name], value) for name, value in self._values.items() if name in self.reported}
+        return {
+            name: reported
+            for name, (reported, value) in pairs.items()
+            if not math.isclose(reported, value, rel_tol=_FLOAT32)
+        }
 
-    def _is_cut(self, name: str, told: float) -> bool:
+    def _is_cut(self, name: str, reported: float) -> bool:
         given = self._values[name]
-        return name in self._whole and not given.is_integer() and abs(told - given) < 1.0
+        return name in self._whole and not given.is_integer() and abs(reported - given) < 1.0
 
 
 def _more(names: Collection[str]) -> str:

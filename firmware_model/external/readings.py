@@ -64,9 +64,9 @@ class Readings(NamedTuple):
 
 def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:
     """Return the readings at a loop's sample; `time_us` [us] is the world's clock."""
-    told = np.empty(_NUMBERS)
-    _measure(loop.record(), seed, loop.sample, told)
-    n: Any = tuple(told.tolist())
+    numbers = np.empty(_NUMBERS)
+    _measure(loop.record(), seed, loop.sample, numbers)
+    n: Any = tuple(numbers.tolist())
     return Readings(
         time_us, n[:3], n[3:6], n[6:9], n[9], n[10], n[11:14], n[14:17], n[17:20], n[20:23], n[23:27], n[27:30], n[30:]
     )
@@ -85,13 +85,13 @@ def _add_noise(value: Vector, sigma: Vector, normal: Vector) -> Vector:
 
 
 @compiled
-def _measure(record: Array, seed: int, sample: int, told: Array) -> None:
+def _measure(record: Array, seed: int, sample: int, numbers: Array) -> None:
     """Write the numbers of `Readings` after its time to `told`, from the journal's `record` of the sample.
 
     Rates get the turn of the earth; field, pressure and fix get noise. Arrays pass to compiled code in half the time of
     tuples.
     """
-    one, out = single(record), single(told)
+    one, out = single(record), single(numbers)
     a, b, c, d = normals(seed, NAVIGATION_STREAM, sample, 0)
     e, f, g, _ = normals(seed, NAVIGATION_STREAM, sample, 1)
     h, i, j, _ = normals(seed, NAVIGATION_STREAM, sample, 2)

@@ -13,7 +13,7 @@ from gustproof.airframe.limits import output_feedback_limit as output_feedback_l
 from gustproof.airframe.predict import predict as predict
 from gustproof.airframe.rotational import uncertain_actuators as uncertain_actuators
 from gustproof.checker.evidence import check_certificate as check_certificate
-from gustproof.checker.flight_box import MomentClass as MomentClass
+from gustproof.checker.flight_box import InterSampleMoment as InterSampleMoment
 from gustproof.design.cascades.autotune import autotune_pid as autotune_pid
 from gustproof.design.cascades.rate_loop import identify_rate_loop as identify_rate_loop
 from gustproof.design.derive import derive as derive

@@ -58,11 +58,14 @@ def make_service(context: VehicleContext) -> Service:
 
 
 def _system_message(battery: BatteryReading | None) -> Message:
-    told, sensor = (_NO_VOLTAGE, _UNKNOWN, _UNKNOWN), 0
+    measured, sensor = (_NO_VOLTAGE, _UNKNOWN, _UNKNOWN), 0
     if battery is not None:
-        told, sensor = (_millivolts(battery.voltage), *_current_and_rest(battery)), wire.MAV_SYS_STATUS_SENSOR_BATTERY
+        measured, sensor = (
+            (_millivolts(battery.voltage), *_current_and_rest(battery)),
+            wire.MAV_SYS_STATUS_SENSOR_BATTERY,
+        )
     health = _SENSORS | sensor, _SENSORS | sensor, _HEALTHY_SENSORS | sensor
-    return wire.MAVLink_sys_status_message(*health, 0, *told, *[0] * 6)
+    return wire.MAVLink_sys_status_message(*health, 0, *measured, *[0] * 6)
 
 
 def _estimator_message() -> Message:

@@ -22,9 +22,9 @@ from gustproof.checker.directed_rounding import (
 )
 from gustproof.checker.estimate_box import DEMAND, Box, EstimateCase, check_box, least_deviations, map_box
 from gustproof.checker.evidence_types import Assumptions, Figures, FlightEvidence
+from gustproof.checker.gravity_aided_box import gravity_aided_truth, map_gravity_aided_box
+from gustproof.checker.gravity_aided_norms import GravityAidedNorms, gravity_aided_norms
 from gustproof.checker.kernel_norms import MOST_CELLS, X0, AxisNorms, axis_norms
-from gustproof.checker.levelled_box import levelled_truth, map_levelled_box
-from gustproof.checker.levelled_norms import LevelledNorms, levelled_norms
 from gustproof.checker.system import (
     LoopSystem,
     Refusal,
@@ -37,7 +37,7 @@ from gustproof.checker.system import (
 from gustproof.checker.truth_drift import Disturbance, blind_angles, truth_bound
 
 KIND: Final = "boundedness"
-Norms = list[AxisNorms] | list[LevelledNorms]
+Norms = list[AxisNorms] | list[GravityAidedNorms]
 """Norms of the three axes, of a law of gyros or of one that reads tilt."""
 KEYS = frozenset(
     {"kind", "law_sha256", "vehicle_sha256", "moment", "part", "moment_class", "slope", "horizon", "noise", "risk"}
@@ -54,14 +54,14 @@ LONGEST = 10**6
 """[s] longest finite horizon."""
 
 
-class MomentClass(Enum):
+class InterSampleMoment(Enum):
     """Knowledge of the moment between two samples; the box of the law's own attitude holds for all three.
 
     Examples
     --------
-    >>> from gustproof import MomentClass
-    >>> MomentClass("held")
-    <MomentClass.HELD: 'held'>
+    >>> from gustproof import InterSampleMoment
+    >>> InterSampleMoment("held")
+    <InterSampleMoment.HELD: 'held'>
     """
 
     HELD = "held"
@@ -77,9 +77,9 @@ class FlightClaim(NamedTuple):
 
     moment: list[Fraction]
     """(3,) [N*m] B, bound about each axis."""
-    part: Fraction
+    certified_fraction: Fraction
     """[-] certified part of the moment, at most 1."""
-    moment_class: MomentClass
+    moment_class: InterSampleMoment
     """Class of the moment."""
     slope: list[Fraction]
     """(3,) [N*m/s] B, largest slope within a sample; 0 for other classes."""
@@ -135,7 +135,7 @@ def prove_flight_box(evidence: FlightEvidence, law_text: str, vehicle_text: str)
         lag=claim.lag_spread,
         noise=claim.noise,
         dt=system.dt,
-        levelled=system.tilt is not None,
+        gravity_aided=system.tilt is not None,
     )
     return bind_files(describe(system, claim), {"law": law_text, "vehicle": vehicle_text}, left)
 
@@ -158,7 +158,7 @@ def flight_norms(system: LoopSystem, samples: int) -> Norms:
     """Return the norms of the three axes from a simulation of `samples`; raises `Refusal` as their functions do."""
     if system.tilt is None:
         return [axis_norms(system, axis, samples) for axis in range(3)]
-    return [levelled_norms(system, axis, samples) for axis in range(3)]
+    return [gravity_aided_norms(system, axis, samples) for axis in range(3)]
 
 
 def count_signals(system: LoopSystem) -> int:
@@ -169,9 +169,9 @@ def count_signals(system: LoopSystem) -> int:
 
 def map_flight(system: LoopSystem, norms: Norms, case: EstimateCase, box: Box) -> Box:
     """Return the bounds that follow from those of a box, by the theorem for the law; raises ValueError as they do."""
-    levelled = [item for item in norms if isinstance(item, LevelledNorms)]
-    if levelled:
-        return map_levelled_box(system, levelled, case, box)
+    gravity_aided = [item for item in norms if isinstance(item, GravityAidedNorms)]
+    if gravity_aided:
+        return map_gravity_aided_box(system, gravity_aided, case, box)
     return map_box(system, [item for item in norms if isinstance(item, AxisNorms)], case, box)
 
 
@@ -197,9 +197,9 @@ def read_claim(evidence: FlightEvidence) -> FlightClaim:
         raise Refusal(f"noise is {float(noise)}, must not be negative")
     if not (LEAST_RISK <= risk < 1 if noise else risk == 0):
         raise Refusal(f"risk is {float(risk)}, must be a probability, {float(LEAST_RISK):g} or more; 0 without noise")
-    moment_class = MomentClass(evidence["moment_class"])
+    moment_class = InterSampleMoment(evidence["moment_class"])
     slope = read_bounds("slope", evidence["slope"])
-    if (moment_class is MomentClass.SLOPE) != (max(slope) > 0):
+    if (moment_class is InterSampleMoment.SLOPE) != (max(slope) > 0):
         raise Refusal("a slope belongs to moments of class 'slope', and to no other")
     horizon = None if evidence["horizon"] is None else finite("horizon", evidence["horizon"])
     if horizon is not None and not 0 < horizon <= LONGEST:
@@ -218,7 +218,7 @@ def read_claim(evidence: FlightEvidence) -> FlightClaim:
     box = [read_bounds(f"box of axis {axis}", row, len(row)) for axis, row in enumerate(evidence["box"])]
     return FlightClaim(
         moment=moment,
-        part=part,
+        certified_fraction=part,
         moment_class=moment_class,
         slope=slope,
         horizon=horizon,
@@ -249,9 +249,9 @@ def spread_system(system: LoopSystem, claim: FlightClaim) -> LoopSystem:
 
 def make_case(system: LoopSystem, claim: FlightClaim) -> EstimateCase:
     """Return the disturbances of a claim; the noise's bound takes half of the risk, the truth's drift the rest."""
-    moment = [claim.part * value for value in claim.moment]
+    moment = [claim.certified_fraction * value for value in claim.moment]
     if claim.noise == 0:
-        free = claim.moment_class is MomentClass.ANY
+        free = claim.moment_class is InterSampleMoment.ANY
         return EstimateCase(moment, Fraction(0), Fraction(0), free, tuple(claim.slope))
     period = RISK_PERIOD if claim.horizon is None else claim.horizon
     # signals and gyro of each axis at each sample
@@ -264,7 +264,7 @@ def describe(system: LoopSystem, claim: FlightClaim) -> Proof:
     estimate_deg = [degrees_up(row[X0]) for row in claim.box]
     truth_deg, why = _truth_deg(system, claim)
     figures: Figures = {
-        "part": float_down(claim.part),
+        "part": float_down(claim.certified_fraction),
         "estimate_deg": estimate_deg,
         "truth_deg": truth_deg,
         "moment_class": claim.moment_class.value,
@@ -296,11 +296,11 @@ def name_verdict(figures: Figures, assumes: Assumptions) -> str:
 def _truth_deg(system: LoopSystem, claim: FlightClaim) -> tuple[list[float | None] | None, str]:
     """Return the bounds of the true attitude [deg], or `None` and the reason why there are none."""
     if system.tilt is not None:
-        return [*map(degrees_up, levelled_truth(system, claim.box)), None], ""
+        return [*map(degrees_up, gravity_aided_truth(system, claim.box)), None], ""
     if claim.horizon is None:
         return None, "without a horizon the truth has no bound: gyros do not observe attitude"
-    moment = [claim.part * value for value in claim.moment]
-    free = claim.moment_class is MomentClass.ANY
+    moment = [claim.certified_fraction * value for value in claim.moment]
+    free = claim.moment_class is InterSampleMoment.ANY
     disturbance = Disturbance(
         unseen=moment if free else [Fraction(0)] * 3,
         slope=claim.slope,
@@ -319,7 +319,7 @@ def _truth_deg(system: LoopSystem, claim: FlightClaim) -> tuple[list[float | Non
 
 
 def _statement(system: LoopSystem, claim: FlightClaim, figures: Figures, why: str) -> str:
-    moment = list_down(claim.part * value for value in claim.moment)
+    moment = list_down(claim.certified_fraction * value for value in claim.moment)
     words = (
         f"law '{system.name}' keeps its own attitude within {list_up(figures['estimate_deg'])} deg for ever and its "
         f"torque below {list_up(figures['torque_nm'])} N*m, under any moment within {moment} N*m"
@@ -340,9 +340,9 @@ def _statement(system: LoopSystem, claim: FlightClaim, figures: Figures, why: st
 
 def _state_truth(system: LoopSystem, claim: FlightClaim, truth: list[float | None]) -> str:
     between = {
-        MomentClass.HELD: "a moment held over each sample",
-        MomentClass.SLOPE: f"slopes below {list_down(claim.slope)} N*m/s within a sample",
-        MomentClass.ANY: "a moment that is any function of time",
+        InterSampleMoment.HELD: "a moment held over each sample",
+        InterSampleMoment.SLOPE: f"slopes below {list_down(claim.slope)} N*m/s within a sample",
+        InterSampleMoment.ANY: "a moment that is any function of time",
     }[claim.moment_class]
     bounds = list_up(value for value in truth if value is not None)
     if system.tilt is not None:
@@ -350,8 +350,8 @@ def _state_truth(system: LoopSystem, claim: FlightClaim, truth: list[float | Non
         return f"{words}; the true heading has no bound: an accelerometer does not observe it"
     horizon = claim.horizon or Fraction(0)
     words = f"for {print_down(horizon)} s the true attitude stays within {bounds} deg, under {between}"
-    if claim.moment_class is MomentClass.ANY:
-        moments = [claim.part * value for value in claim.moment]
+    if claim.moment_class is InterSampleMoment.ANY:
+        moments = [claim.certified_fraction * value for value in claim.moment]
         blind = blind_angles(system, moments, math.floor(horizon / system.dt))
         angles = ", ".join(print_down(math.degrees(value), 3) for value in blind)
         words += f" (a square wave in step with the samples turns any law of this gyro by {angles} deg, unseen)"
@@ -360,7 +360,7 @@ def _state_truth(system: LoopSystem, claim: FlightClaim, truth: list[float | Non
 
 def _list_asked(claim: FlightClaim) -> list[float] | None:
     """Return the moment [N*m] of which only a part is proved; `None` if the whole is."""
-    return None if claim.part == 1 else [float_up(value) for value in claim.moment]
+    return None if claim.certified_fraction == 1 else [float_up(value) for value in claim.moment]
 
 
 def _assumptions(system: LoopSystem, claim: FlightClaim) -> Assumptions:
@@ -371,7 +371,7 @@ def _assumptions(system: LoopSystem, claim: FlightClaim) -> Assumptions:
         f"{sensors}, float32 on the wire",
         "air": "any wind whose moments stay within the bound",
         "law": system.name,
-        "moment_N_m": [float_down(claim.part * value) for value in claim.moment],
+        "moment_N_m": [float_down(claim.certified_fraction * value) for value in claim.moment],
         "moment_asked_N_m": _list_asked(claim),
         "moment_between_samples": claim.moment_class.value,
         "moment_slope_N_m_s": [float_down(value) for value in claim.slope] if max(claim.slope) else None,

@@ -160,7 +160,7 @@ def prove_chance(evidence: ChanceEvidence, law_text: str, vehicle_text: str, sce
     follows, rest = map_gaussian_box(flight, box)
     check_box(flight.system, flight.case, box, follows)
     left = list_uncovered(
-        vehicle_text, inertia=Fraction(0), lag=Fraction(0), noise=None, dt=flight.system.dt, levelled=False
+        vehicle_text, inertia=Fraction(0), lag=Fraction(0), noise=None, dt=flight.system.dt, gravity_aided=False
     )
     return bind_files(_describe(flight, risk, box, rest), texts, left)
 

@@ -32,7 +32,7 @@ _EPS = 2.0**-44
 """[-] two hundred roundings: 8 in each F, two products of at most 30 terms each, and the sums."""
 _MOST_ORDER = 30
 _CHUNKS = 240
-"""Stretches of the flight, in each of which a deviation counts as its largest."""
+"""Segments of the flight, in each of which a deviation counts as its largest."""
 _FAR = Fraction(12)
 """[-] deviations; the tail beyond is below 1e-32."""
 _ROOT = Fraction(math.floor(exp_lower_bound(Fraction(1, 16)) * (1 << 96)), 1 << 96)
@@ -47,9 +47,9 @@ class Deviations(NamedTuple):
     acceleration: list[Fraction]
     """(3,) [rad/s^2] of the air's, held over a sample."""
     angle: list[list[Fraction]]
-    """(3, stretches) [rad] of the law's attitude less the noise that it has summed up: the true angle."""
+    """(3, segments) [rad] of the law's attitude less the noise that it has summed up: the true angle."""
     samples: int
-    """Samples of a stretch."""
+    """Samples of a segment."""
 
 
 @lru_cache(maxsize=4)

@@ -16,7 +16,7 @@ from gustproof.checker.evidence_types import End, Entry, GyroTable, LawDocument,
 from gustproof.checker.rational import to_rational
 
 TORQUE, RATES = "torque", "rates"
-_LEVELLED = 8
+_GRAVITY_AIDED = 8
 """Columns of B and D of a law that reads the accelerometer: gyro, reference, tilt."""
 _GRAVITY = Fraction(10)
 """[m/s^2] more than gravity."""
@@ -194,17 +194,17 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         raise Refusal(
             f"law '{law['name']}' is scheduled on attitude and rates, the proof is about laws without schedule"
         )
-    law, levelled = _sort_states_by_axis(law), len(law["D"][0]) == _LEVELLED
-    _check_vehicle(vehicle, levelled=levelled)
+    law, gravity_aided = _sort_states_by_axis(law), len(law["D"][0]) == _GRAVITY_AIDED
+    _check_vehicle(vehicle, gravity_aided=gravity_aided)
     _check_delay(vehicle, law)
     n = len(law["A"])
     columns = {len(row) for matrix in (law["B"], law["D"]) for row in matrix}
-    if columns != {_LEVELLED if levelled else 6}:
+    if columns != {_GRAVITY_AIDED if gravity_aided else 6}:
         raise Refusal(f"law '{law['name']}' has matrices of wrong shapes")
     if n % 3 or not 6 <= n <= _MOST_STATES:
         raise Refusal(f"law '{law['name']}' has {n} states, must have 2 to {_MOST_STATES // 3} for each of three axes")
     B, D = ([row[:3] for row in law["B"]], [row[:3] for row in law["D"]])
-    tilt = [[row[6:] for row in matrix] for matrix in (law["B"], law["D"])] if levelled else []
+    tilt = [[row[6:] for row in matrix] for matrix in (law["B"], law["D"])] if gravity_aided else []
     rows = (law["A"], B, law["C"], D, law["G"], *tilt)
     matrices = [tuple(map(tuple, to_rational(matrix))) for matrix in rows]
     shapes = [(n, n), (n, 3), (3, n), (3, 3), (n, 3), (n, 2), (3, 2)]
@@ -234,7 +234,7 @@ def read_system(law_text: str, vehicle_text: str) -> LoopSystem:
         gyro_range=_positive("gyro.range", [vehicle["gyro"]["range"]])[0],
         rate_limit=_read_rate_limit(law, n),
         rate_loop=_read_rate_loop(vehicle["stabilizer"], inertia, dt) if tracks else None,
-        tilt=_read_tilt(law, vehicle, matrices[5:]) if levelled else None,
+        tilt=_read_tilt(law, vehicle, matrices[5:]) if gravity_aided else None,
     )
 
 
@@ -249,7 +249,7 @@ def _read_law(text: str) -> LawDocument:
     return law
 
 
-def _check_vehicle(vehicle: VehicleDocument, *, levelled: bool) -> None:
+def _check_vehicle(vehicle: VehicleDocument, *, gravity_aided: bool) -> None:
     """Raise `Refusal` for fields that the proof does not know, and for a bias of a sensor that the law reads."""
     for name, value in _fields(vehicle):
         _check_spreads(name, value)
@@ -257,7 +257,7 @@ def _check_vehicle(vehicle: VehicleDocument, *, levelled: bool) -> None:
         if use is None:
             raise Refusal(f"the vehicle file has '{name}', of which the proof does not know how it acts")
         sensor = name.split(".")[0]
-        read = sensor == "gyro" or levelled
+        read = sensor == "gyro" or gravity_aided
         if use is Use.EXCLUDED and read and any(finite(name, _nominal(entry)) for entry in cast(list[object], value)):
             raise Refusal(f"the {sensor} has a bias ({name}): the proof is about one without")
 
@@ -291,7 +291,7 @@ def _fields(vehicle: VehicleDocument) -> Iterator[tuple[str, object]]:
 
 
 def list_uncovered(
-    vehicle_text: str, *, inertia: Fraction, lag: Fraction, noise: Fraction | None, dt: Fraction, levelled: bool
+    vehicle_text: str, *, inertia: Fraction, lag: Fraction, noise: Fraction | None, dt: Fraction, gravity_aided: bool
 ) -> list[str]:
     """Return what the vehicle file states and a proof leaves out: spreads, and noise of sensors that the law reads.
 
@@ -305,7 +305,7 @@ def list_uncovered(
         [rad/s] rms of a gyro sample in the proof; `None` if it is the file's own.
     dt
         [s] sample time.
-    levelled
+    gravity_aided
         True for a law that reads the accelerometer.
     """
     vehicle = cast(VehicleDocument, tomllib.loads(vehicle_text))
@@ -323,7 +323,7 @@ def list_uncovered(
         left.append("noise of the gyro" if nominal else "spread of the gyro's noise")
     if _nominal(vehicle.get("command", {}).get("delay", 0)):
         left.append("command.delay beside one sample")
-    if levelled and _nominal(vehicle.get("accelerometer", {}).get("noise_density", 0)):
+    if gravity_aided and _nominal(vehicle.get("accelerometer", {}).get("noise_density", 0)):
         left.append("noise of the accelerometer")
     return left
 
@@ -371,7 +371,7 @@ def _sort_states_by_axis(law: LawDocument) -> LawDocument:
 
     An axis of fewer states gets some that stay 0. A state belongs to the axis that it commands or reads.
     """
-    if len(law["D"][0]) != _LEVELLED:
+    if len(law["D"][0]) != _GRAVITY_AIDED:
         return law
     axes: list[list[int | None]] = [[0, 3], [1, 4], [2, 5]]
     for i in range(6, len(law["A"])):

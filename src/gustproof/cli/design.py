@@ -310,8 +310,8 @@ def _derive(
         return
     show(render_design(report))
     written = (("law", outputs.law), ("singular values", outputs.figure))
-    if told := ", ".join(f"{what} in {path}" for what, path in written if path is not None):
-        print(told)
+    if names := ", ".join(f"{what} in {path}" for what, path in written if path is not None):
+        print(names)
 
 
 def _parse_bounds(keep: str) -> "tuple[Goal, ...]":

@@ -89,12 +89,12 @@ def export(
     _check_options(code, rate, _find_vehicle(law, vehicle), attitude, checked=float32 or bool(folders))
     read = _read_law(law, vehicle, rate)
     with working(f"exporting {read.name}", quiet=as_json):
-        told = [
+        report = [
             _export_folder(read, name, path, attitude, rate, vehicle, float32, anyway) for name, path in folders.items()
         ]
         if wanted:
-            told.append(_export_files(read, wanted, attitude, rate, vehicle, float32, anyway))
-    _print_exports(told, as_json=as_json)
+            report.append(_export_files(read, wanted, attitude, rate, vehicle, float32, anyway))
+    _print_exports(report, as_json=as_json)
 
 
 def _holds_c(files: list[Path]) -> bool:
@@ -110,39 +110,39 @@ def _export_files(
     float32: bool,
     anyway: bool,
 ) -> dict[str, Any]:
-    law, told = _prepare(law, rate, vehicle, in_c=_holds_c(files), anyway=anyway)
-    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path) for path in files], **told}
+    law, report = _prepare(law, rate, vehicle, in_c=_holds_c(files), anyway=anyway)
+    report = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path) for path in files], **report}
     for path in files:
         if path.suffix == ".c":
-            told |= _save_c(law, path, attitude or "own", float32=float32, vehicle=vehicle)
+            report |= _save_c(law, path, attitude or "own", float32=float32, vehicle=vehicle)
         else:
             _save_numbers(law, path)
-    return told
+    return report
 
 
-def _print_exports(told: list[dict[str, Any]], *, as_json: bool) -> None:
+def _print_exports(report: list[dict[str, Any]], *, as_json: bool) -> None:
     if as_json:
-        print_json(told[0] if len(told) == 1 else told)
+        print_json(report[0] if len(report) == 1 else report)
         return
-    for each in told:
+    for each in report:
         _print_export(each)
 
 
-def _print_export(told: dict[str, Any]) -> None:
-    margins = told.get("margins", {})
+def _print_export(report: dict[str, Any]) -> None:
+    margins = report.get("margins", {})
     unknown = (
-        "unstable" if "stable" in told or any(margins.values()) else "not checked, the loop is the autopilot's own"
+        "unstable" if "stable" in report or any(margins.values()) else "not checked, the loop is the autopilot's own"
     )
     for hz, figures in margins.items():
         print(f"{hz} Hz: {_describe_margins(figures) if figures else unknown}")
-    if "rounding" in told:
-        print(told["rounding"]["statement"])
-    for file in told["files"]:
+    if "rounding" in report:
+        print(report["rounding"]["statement"])
+    for file in report["files"]:
         header = f" and {Path(file).with_suffix('.h').name}" if file.endswith(".c") else ""
-        read_on = f" for vehicle '{told['vehicle']}', see its README.md" if "vehicle" in told else ""
-        print(f"law '{told['law']}' in {file}{header}{read_on}")
-    if "verdict" in told:
-        print(told["verdict"])
+        read_on = f" for vehicle '{report['vehicle']}', see its README.md" if "vehicle" in report else ""
+        print(f"law '{report['law']}' in {file}{header}{read_on}")
+    if "verdict" in report:
+        print(report["verdict"])
 
 
 def _save_numbers(law: "Law", path: Path) -> None:
@@ -186,20 +186,20 @@ def _export_folder(
     except ValueError as error:
         raise ConfigError(str(error)) from None
     write_folder(path, files)
-    told = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path)], **margins}
-    return {**told, **loop, "autopilot": name, "vehicle": body.name, "attitude": source}
+    report = {"law": law.name, "rate_hz": 1.0 / law.dt, "files": [str(path)], **margins}
+    return {**report, **loop, "autopilot": name, "vehicle": body.name, "attitude": source}
 
 
 def _prepare(
     law: "Law", rate: int | None, vehicle: str | None, *, in_c: bool, anyway: bool
 ) -> "tuple[Law, dict[str, Any]]":
     """Return the law at the rate that is asked for, with margins, and the verdict on C code for a named vehicle."""
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     if rate is not None:
-        law, told["margins"] = _resample(law, rate, vehicle, anyway=anyway)
+        law, report["margins"] = _resample(law, rate, vehicle, anyway=anyway)
     if in_c and vehicle is not None:
-        told |= _judge_loop(law, _load_vehicle(law, vehicle), anyway=anyway)
-    return law, told
+        report |= _judge_loop(law, _load_vehicle(law, vehicle), anyway=anyway)
+    return law, report
 
 
 def _load_vehicle(law: "Law", vehicle: str | None) -> "Vehicle":
@@ -277,20 +277,20 @@ def _save_c(law: "Law", path: Path, attitude: str, *, float32: bool, vehicle: st
     from gustproof.law.write.c import AttitudeSource, save_c
     from gustproof.law.write.operations import INSTRUCTIONS
 
-    told: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     if float32:
         own = attitude == AttitudeSource.OWN.value
-        told["rounding"] = (
+        report["rounding"] = (
             _bound_rounding(law, vehicle)
             if own
             else {"proven": False, "statement": "No bound of the rounding is proved with the autopilot's attitude."}
         )
-    notes = [told["rounding"]["statement"]] if float32 else []
+    notes = [report["rounding"]["statement"]] if float32 else []
     try:
         unit = save_c(law, path, AttitudeSource(attitude), single=float32, notes=notes)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return {"operations": unit.operations, "instructions": INSTRUCTIONS * unit.operations, **told}
+    return {"operations": unit.operations, "instructions": INSTRUCTIONS * unit.operations, **report}
 
 
 def _bound_rounding(law: "Law", vehicle: str | None) -> dict[str, Any]:

@@ -140,7 +140,7 @@ def _print_flight(result: "Flight", comparison: Comparison | None, *, as_json: b
         print_json(result.to_dict() | compared)
     else:
         document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
-        show(render_flight(*document, result.own_view))
+        show(render_flight(*document, result.estimator_view))
         if result.bag:
             print_next("report", result.bag, "-o", "report.html")
 
@@ -172,8 +172,8 @@ def _fly(
     title = f"{plan.scenario.name}, {_controller_name(plan)}"
     with progress(lambda: f"{title}{_note_compiling()}", quiet=quiet) as shown:
         writing = f"{title}: writing the bag"
-        told = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
-        options: dict[str, Any] = {"tlog": tlog, **told}
+        callbacks = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
+        options: dict[str, Any] = {"tlog": tlog, **callbacks}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
         return fly_external_and_record(plan, folder, **options, on_listening=page.follow if page else None)
@@ -237,7 +237,11 @@ def complete_recordings(run: Path, *, quiet: bool = False) -> None:
     with working(f"completing {run}", quiet=quiet):
         flights = recover(run)
     for flight in () if quiet else flights:
-        show(render_flight(flight.message, flight.metrics, flight.bag, flight.requirements, own_view=flight.own_view))
+        show(
+            render_flight(
+                flight.message, flight.metrics, flight.bag, flight.requirements, estimator_view=flight.estimator_view
+            )
+        )
 
 
 def choose_autopilot(
@@ -281,6 +285,8 @@ def confirm_flown(
     if not isinstance(plan.controller, UserController):
         return plan
     confirmed = confirm_controller(plan.controller, controller, where)
-    told = f"its SHA-256 {confirmed.digest[:16]}…" if confirmed.kind is not ControllerKind.PROGRAM else "its command"
-    print(f"gustproof: controller '{confirmed.name}' is the one that flew, by {told}", file=sys.stderr)
+    identity = (
+        f"its SHA-256 {confirmed.digest[:16]}…" if confirmed.kind is not ControllerKind.PROGRAM else "its command"
+    )
+    print(f"gustproof: controller '{confirmed.name}' is the one that flew, by {identity}", file=sys.stderr)
     return plan._replace(controller=confirmed)

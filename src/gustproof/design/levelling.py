@@ -13,7 +13,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from gustproof.airframe.covariance import axis_models
 from gustproof.airframe.predict import predict
-from gustproof.law.form import LEVELLED_SIZE, Law
+from gustproof.law.form import GRAVITY_AIDED_SIZE, Law
 
 _SHARE = 0.25
 """[-] of the Kalman gain that is used. On the stand the error grows by a hundredth. In free flight gusts, whose force
@@ -35,17 +35,17 @@ def level_cascade(law: Law, vehicle: Vehicle, scenario: Scenario) -> Law:
     gravity = (vehicle.accelerometer.noise_density / GRAVITY) ** 2 * 0.5 / scenario.dt
     error = 0.5 * walk + math.sqrt(0.25 * walk**2 + walk * gravity)
     gain = _SHARE * error / (error + gravity) if error > 0.0 else 0.0
-    new = LEVELLED_SIZE - law.D.shape[1]
+    new = GRAVITY_AIDED_SIZE - law.D.shape[1]
     follow = gain * np.eye(law.order, new)
     limit = law.rate_limit
-    levelled = replace(
+    gravity_aided = replace(
         law,
         A=law.A - np.pad(follow, ((0, 0), (0, law.order - new))),
         B=np.hstack([law.B, follow]),
         D=np.pad(law.D, ((0, 0), (0, new))),
         rate_limit=limit and replace(limit, T=np.pad(limit.T, ((0, 0), (0, new)))),
     )
-    found = predict(levelled, vehicle, scenario)
+    found = predict(gravity_aided, vehicle, scenario)
     assert found is not None  # a torque law
     parameters = {
         **law.provenance.parameters,
@@ -54,4 +54,4 @@ def level_cascade(law: Law, vehicle: Vehicle, scenario: Scenario) -> Law:
         "foretold_slew_nm_per_s": found.slew,
     }
     design = f"{law.provenance.design}, levelled by the accelerometer"
-    return replace(levelled, provenance=replace(law.provenance, design=design, parameters=parameters))
+    return replace(gravity_aided, provenance=replace(law.provenance, design=design, parameters=parameters))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from gustproof.law.form import GYRO_REFERENCE_SIZE, LEVELLED_SIZE, Law, Output, Provenance, RateLimit, Schedule
+from gustproof.law.form import GRAVITY_AIDED_SIZE, GYRO_REFERENCE_SIZE, Law, Output, Provenance, RateLimit, Schedule
 from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lti.bilinear import tustin
@@ -139,12 +139,12 @@ def _rate_limit(K: Lti, dt: float, limits: Matrix) -> RateLimit:
     The excess changes the attitude that is fed back, in the command and in what the controller expects from it. The
     leak is part of that: otherwise the estimate of a large attitude would leak away before it is flown back.
     """
-    fed_back, gain, is_levelled = K.A[:, :3].copy(), K.C[:, :3], K.n_inputs % 3 == 2
-    if is_levelled:  # measured roll and pitch correct the estimates, by their difference: no feedback
+    fed_back, gain, is_gravity_aided = K.A[:, :3].copy(), K.C[:, :3], K.n_inputs % 3 == 2
+    if is_gravity_aided:  # measured roll and pitch correct the estimates, by their difference: no feedback
         fed_back[:, :2] += K.B[:, -2:]
     excess = tustin(Lti(A=K.A, B=fed_back, C=K.C, D=gain), dt)
     angle_p = np.diag(gain) / np.diag(K.C[:, 3:6] + K.D[:, :3])
-    reference = np.eye(3, LEVELLED_SIZE if is_levelled else GYRO_REFERENCE_SIZE, 3)
+    reference = np.eye(3, GRAVITY_AIDED_SIZE if is_gravity_aided else GYRO_REFERENCE_SIZE, 3)
     return RateLimit(
         S=0.0 - angle_p[:, None] * np.eye(3, K.order),  # no -0.0 in a file
         T=angle_p[:, None] * reference * (K.n_inputs >= GYRO_REFERENCE_SIZE),

@@ -41,7 +41,7 @@ from gustproof.version import __version__
 
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
-GYRO_REFERENCE_SIZE, LEVELLED_SIZE = 6, 8
+GYRO_REFERENCE_SIZE, GRAVITY_AIDED_SIZE = 6, 8
 """Columns of B and D: gyro and reference; these with roll and pitch by gravity."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
 _RATE_MATRICES = ("S", "T", "U", "V")
@@ -264,7 +264,7 @@ class Law:
         except ValueError as error:
             raise ValueError(f"name: {error} (given {self.name!r})") from None
         n = np.asarray(self.A).shape[0] if np.ndim(self.A) == 2 else 0
-        m = LEVELLED_SIZE if np.shape(self.D)[1:] == (LEVELLED_SIZE,) else GYRO_REFERENCE_SIZE
+        m = GRAVITY_AIDED_SIZE if np.shape(self.D)[1:] == (GRAVITY_AIDED_SIZE,) else GYRO_REFERENCE_SIZE
         shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, readonly_copy(name, getattr(self, name), shape))
@@ -285,7 +285,7 @@ class Law:
     @property
     def uses_accelerometer(self) -> bool:
         """True if the law reads the accelerometer."""
-        return bool(self.D.shape[1] == LEVELLED_SIZE)
+        return bool(self.D.shape[1] == GRAVITY_AIDED_SIZE)
 
     @property
     def takes_references(self) -> bool:

@@ -46,7 +46,7 @@ class SparseLaw(NamedTuple):
     """(m, 2) offset in the vector, coefficient; sums are padded with 0 times the vector's 0."""
     is_scheduled: bool
     """True if Euler rates are among the terms."""
-    is_levelled: bool
+    is_gravity_aided: bool
     """True if roll and pitch by gravity are among the terms."""
     limits: Matrix
     """(3,) [N*m or rad/s] B, largest commands."""
@@ -246,7 +246,7 @@ def _schedule(law: SparseLaw, z: Matrix, n: int) -> int:
 def law_kernel(law: SparseLaw, z: Matrix, command: Matrix, work: Matrix) -> None:
     """Write the command for the vector `z`, see `vector_size`, and advance its states by a sample; `work` is (n,)."""
     n, k = work.size, law.schedule.shape[0]
-    if law.is_levelled:
+    if law.is_gravity_aided:
         force = (z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2])
         z[n + FORCE], z[n + FORCE + 1] = tilt(force, (z[0], z[1]))
     begin = _schedule(law, z, n)
@@ -334,7 +334,7 @@ class LawStepper:
         rows = summed.schedule
         # a schedule of k parameters has k (k + 3) numbers, an even count
         self._ends, self._terms = summed.ends, np.vstack([summed.terms, rows.reshape(-1, 2)])
-        self._kind = summed.is_scheduled + 2 * summed.is_levelled + 4 * len(rows)
+        self._kind = summed.is_scheduled + 2 * summed.is_gravity_aided + 4 * len(rows)
         limits = summed.limits, summed.rate_limits, summed.attitude_limits
         self._memory = np.concatenate([np.zeros(vector_size(summed, n) + n + 3), *limits, scale, [law.dt]])
         self._order, self._estimates = n, law.is_scheduled
@@ -379,7 +379,9 @@ def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matr
     z[n], z[n + 1], z[n + 2] = p, q, r
     z[n + FORCE], z[n + FORCE + 1], z[n + FORCE + 2] = force_x, force_y, force_z
     schedule = terms[terms.shape[0] - k * (k + SCHEDULE_SIZE) // 2 :].reshape(k, k + SCHEDULE_SIZE)
-    is_levelled = kind % 4 >= 2
-    law = SparseLaw(ends, terms, kind % 2 == 1, is_levelled, limits, rate_limits, attitude_limits, schedule, rest[12])
+    is_gravity_aided = kind % 4 >= 2
+    law = SparseLaw(
+        ends, terms, kind % 2 == 1, is_gravity_aided, limits, rate_limits, attitude_limits, schedule, rest[12]
+    )
     law_kernel(law, z, command, work)
     return float32(command[0] / scale[0]), float32(command[1] / scale[1]), float32(command[2] / scale[2])

@@ -9,7 +9,7 @@ from firmware_model.config.files import read_text
 from firmware_model.config.scenario import load_scenario, scenario_path
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from gustproof.checker.evidence_types import ChanceEvidence
-from gustproof.checker.flight_box import MomentClass
+from gustproof.checker.flight_box import InterSampleMoment
 from gustproof.checker.gaussian_box import KIND, bound_flight, map_gaussian_box, read_scope
 from gustproof.checker.system import Refusal, finite, sha256
 from gustproof.law.form import law_path, load_law
@@ -69,4 +69,4 @@ def certify_chance(law: str | Path, vehicle: str | Path, scenario: str | Path, r
         "box": [[float(value) for value in row] for row in box],
     }
     nothing = f"no box is proven for law '{flight.system.name}' in this air"
-    return judge_box(evidence, nothing, MomentClass.HELD, **texts)
+    return judge_box(evidence, nothing, InterSampleMoment.HELD, **texts)

@@ -20,7 +20,7 @@ from gustproof.checker.flight_box import (
     KIND,
     PROVEN,
     FlightClaim,
-    MomentClass,
+    InterSampleMoment,
     Norms,
     count_signals,
     flight_norms,
@@ -60,15 +60,15 @@ class FlightCertificate:
     --------
     >>> from gustproof import certify_boundedness
     >>> certificate = certify_boundedness("hinf-scheduled", "paper", moment=(0.65, 0.65, 0.3), horizon=60.0)
-    >>> (certificate.proven, certificate.part, certificate.assumes["delay_samples"])
+    >>> (certificate.proven, certificate.certified_fraction, certificate.assumes["delay_samples"])
     (True, 1.0, 1)
     """
 
     proven: bool
-    """True if the check accepted the evidence, for `part` of the moment. False is an ordinary result."""
+    """True if the check accepted the evidence, for `certified_fraction` of the moment. False is an ordinary result."""
     statement: str
     """The proved claim in words, or the reason why nothing is proved."""
-    part: float | None
+    certified_fraction: float | None
     """[-] certified part of the moment, at most 1; `None` without a proof."""
     estimate_deg: list[float] | None
     """[deg] bounds of the law's own phi, theta, psi for ever."""
@@ -79,7 +79,7 @@ class FlightCertificate:
     """
     torque_nm: list[float] | None
     """[N*m] B, bounds of the torque that the law, or the loop behind its rates, demands."""
-    moment_class: MomentClass
+    moment_class: InterSampleMoment
     """Class of the moment between samples, on which the bounds of the truth rest."""
     assumes: dict[str, Any]
     """Assumptions by name."""
@@ -94,7 +94,10 @@ class FlightCertificate:
     @property
     def verdict(self) -> str:
         """Verdict in words, with what is proven of it."""
-        figures: Figures = {"part": 1.0 if self.part is None else self.part, "truth_deg": self.truth_deg}
+        figures: Figures = {
+            "part": 1.0 if self.certified_fraction is None else self.certified_fraction,
+            "truth_deg": self.truth_deg,
+        }
         return name_verdict(figures, self.assumes) if self.proven else "NOT proven"
 
     def to_dict(self) -> dict[str, Any]:
@@ -113,7 +116,7 @@ def certify_boundedness(
     *,
     moment: tuple[float, float, float],
     horizon: float | None,
-    moment_class: MomentClass = MomentClass.HELD,
+    moment_class: InterSampleMoment = InterSampleMoment.HELD,
     slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
     noise: float = 0.0,
     risk: float = 1e-3,
@@ -201,7 +204,7 @@ def certify_boundedness(
 def judge_box(
     evidence: FlightEvidence | ChanceEvidence,
     nothing: str,
-    moment_class: MomentClass,
+    moment_class: InterSampleMoment,
     *,
     law: str,
     vehicle: str,
@@ -223,7 +226,7 @@ def judge_box(
     unproven = FlightCertificate(
         proven=False,
         statement=nothing,
-        part=None,
+        certified_fraction=None,
         estimate_deg=None,
         truth_deg=None,
         torque_nm=None,
@@ -241,7 +244,7 @@ def judge_box(
         unproven,
         proven=True,
         statement=verdict.reason,
-        part=figures.get("part"),
+        certified_fraction=figures.get("part"),
         estimate_deg=figures["estimate_deg"],
         truth_deg=figures["truth_deg"],
         torque_nm=figures["torque_nm"],

@@ -132,7 +132,7 @@ def certify_rounding(
         command=tuple(float(print_up(value, _DIGITS)) for value in found.command),
         attitude_deg=None if found.drift is None else _up_deg(own + found.drift * steps),
         horizon=horizon,
-        moment=tuple(float_down(claim.part * value) for value in claim.moment),
+        moment=tuple(float_down(claim.certified_fraction * value) for value in claim.moment),
         heading=heading,
     )
 

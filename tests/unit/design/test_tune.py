@@ -184,10 +184,10 @@ def test_levelling_keeps_the_loop_and_ends_the_walk():
     assert other.gain_margin == pytest.approx(own.gain_margin, rel=1e-3)
     assert other.delay_margin == pytest.approx(own.delay_margin, rel=5e-3)
     short, long = (replace(AIR, duration_s=seconds) for seconds in (60.0, 240.0))
-    walked, levelled = ([predict(each, vehicle, air).axes_rmse for air in (short, long)] for each in (law, level))
+    walked, gravity_aided = ([predict(each, vehicle, air).axes_rmse for air in (short, long)] for each in (law, level))
     assert walked[1][0] > 1.5 * walked[0][0]
-    assert levelled[1][0] < 1.02 * levelled[0][0] < 0.65 * walked[0][0]
-    assert levelled[0][2] == walked[0][2]
+    assert gravity_aided[1][0] < 1.02 * gravity_aided[0][0] < 0.65 * walked[0][0]
+    assert gravity_aided[0][2] == walked[0][2]
     assert level.provenance.parameters["foretold_rmse_deg"] == math.degrees(predict(level, vehicle, AIR).rmse)
 
 

@@ -23,7 +23,7 @@ from gustproof.checker.attitude_offset import bound_offset
 from gustproof.checker.estimate_box import DEMAND, PEAK_RATE, check_box, excess, least_deviations
 from gustproof.checker.evidence import CheckResult, seal
 from gustproof.checker.evidence import check_certificate as check
-from gustproof.checker.flight_box import FlightClaim, MomentClass, make_case, read_claim
+from gustproof.checker.flight_box import FlightClaim, InterSampleMoment, make_case, read_claim
 from gustproof.checker.kernel_norms import COMMAND, TORQUE, X0, X1, axis_loop, axis_norms
 from gustproof.checker.system import Refusal, is_strapdown, read_system
 from gustproof.checker.truth_drift import Disturbance, blind_angles, truth_bound
@@ -39,7 +39,7 @@ VEHICLE = load_vehicle("paper")
 VEHICLE_TEXT = vehicle_path("paper").read_text(encoding="utf-8")
 MOMENT = (0.65, 0.65, 0.3)
 NOISE = 0.0036
-PLAIN = {"horizon": 60.0, "moment_class": MomentClass.HELD, "noise": 0.0, "slope": (0.0, 0.0, 0.0)}
+PLAIN = {"horizon": 60.0, "moment_class": InterSampleMoment.HELD, "noise": 0.0, "slope": (0.0, 0.0, 0.0)}
 
 
 def law_text(name: str) -> str:
@@ -55,7 +55,7 @@ def certified(name: str, options: tuple[tuple[str, object], ...]) -> FlightCerti
 def certify(
     name: str,
     horizon: float | None = 60.0,
-    moment_class: MomentClass = MomentClass.HELD,
+    moment_class: InterSampleMoment = InterSampleMoment.HELD,
     noise: float = 0.0,
     slope: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> FlightCertificate:
@@ -159,7 +159,7 @@ def kernels(law: Law, axis: int, samples: int, vehicle: Vehicle = VEHICLE) -> tu
 def test_box_of_the_whole_moment_holds_for_ever(name, least, most):
     certificate = certify(name)
     assert certificate.proven
-    assert certificate.part == 1.0
+    assert certificate.certified_fraction == 1.0
     assert all(low <= angle <= high for low, angle, high in zip(least, certificate.estimate_deg, most, strict=True))
     assert judge(certificate, name).accepted
     assert certify(name, None).estimate_deg == certificate.estimate_deg
@@ -169,11 +169,11 @@ def test_box_of_the_whole_moment_holds_for_ever(name, least, most):
 @pytest.mark.parametrize(
     ("horizon", "moment_class", "noise", "most"),
     [
-        (60.0, MomentClass.HELD, 0.0, 1.5),
-        (600.0, MomentClass.HELD, 0.0, 2.5),
-        (60.0, MomentClass.HELD, NOISE, 2.2),
-        (600.0, MomentClass.HELD, NOISE, 4.7),
-        (60.0, MomentClass.ANY, 0.0, 15.0),
+        (60.0, InterSampleMoment.HELD, 0.0, 1.5),
+        (600.0, InterSampleMoment.HELD, 0.0, 2.5),
+        (60.0, InterSampleMoment.HELD, NOISE, 2.2),
+        (600.0, InterSampleMoment.HELD, NOISE, 4.7),
+        (60.0, InterSampleMoment.ANY, 0.0, 15.0),
     ],
 )
 def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, noise, most):
@@ -204,14 +204,14 @@ def test_truth_of_the_flagship_stays_near_its_estimate(horizon, moment_class, no
         ),
         (
             "flagship",
-            {"horizon": 60.0, "moment_class": MomentClass.ANY},
+            {"horizon": 60.0, "moment_class": InterSampleMoment.ANY},
             (1.056944, 1.265965, 0.863944),
             (12.193493, 14.262733, 13.369442),
             (0.0334624, 2.801482, 2.751898, 0.292098),
         ),
         (
             "flagship",
-            {"horizon": 60.0, "moment_class": MomentClass.SLOPE, "slope": (20.0, 10.0, 5.0)},
+            {"horizon": 60.0, "moment_class": InterSampleMoment.SLOPE, "slope": (20.0, 10.0, 5.0)},
             (1.056944, 1.265965, 0.863944),
             (1.542843, 1.611680, 1.226873),
             (0.0334624, 2.801482, 2.751898, 0.292098),
@@ -335,7 +335,7 @@ def test_a_vehicle_without_a_number_is_proved_and_flown_with_the_damping_of_its_
     axes = [strapdown_axis(gains, inertia, 0.004) for inertia in vehicle.inertia_B]
     law = cascade_law("own", axes, vehicle, 0.004, Provenance(design="test", vehicle="iris"))
     certificate = certify_boundedness(save(law, tmp_path), "iris", moment=tuple(moment.tolist()), horizon=2.0)
-    assert certificate.part == 1.0
+    assert certificate.certified_fraction == 1.0
     assert certificate.assumes["rate_damping_per_s"] == pytest.approx(vehicle.rate_damping_B, rel=1e-14)
     signs = np.array([np.sign(kernels(law, axis, samples, vehicle)[0][:, X0]) for axis in range(3)])
     moments = (signs * moment[:, None])[:, ::-1]
@@ -462,15 +462,15 @@ def test_square_wave_in_step_with_the_samples_turns_unseen():
     blind = np.array(blind_angles(system, [Fraction(value) for value in MOMENT], samples), dtype=float)
     assert np.max(flight.gyro) < 1e-4
     assert np.all(np.abs(flight.truth / blind - 1.0) < 0.05)
-    certificate = certify("flagship", samples * law.dt, MomentClass.ANY)
+    certificate = certify("flagship", samples * law.dt, InterSampleMoment.ANY)
     assert np.all(flight.truth <= np.radians(certificate.truth_deg))
     assert np.any(flight.truth > np.radians(certify("flagship", samples * law.dt).truth_deg))
 
 
 def test_drift_grows_with_what_is_left_open_between_samples():
-    held, any_function = certify("flagship"), certify("flagship", 60.0, MomentClass.ANY)
-    slow = certify("flagship", 60.0, MomentClass.SLOPE, slope=(1.0, 1.0, 1.0))
-    steep = certify("flagship", 60.0, MomentClass.SLOPE, slope=(100.0, 100.0, 100.0))
+    held, any_function = certify("flagship"), certify("flagship", 60.0, InterSampleMoment.ANY)
+    slow = certify("flagship", 60.0, InterSampleMoment.SLOPE, slope=(1.0, 1.0, 1.0))
+    steep = certify("flagship", 60.0, InterSampleMoment.SLOPE, slope=(100.0, 100.0, 100.0))
     for axis in range(3):
         bounds = [proof.truth_deg[axis] for proof in (held, slow, steep, any_function)]
         assert bounds == sorted(bounds)
@@ -520,7 +520,7 @@ def certify_robust() -> FlightCertificate:
 def test_one_box_holds_for_every_inertia_and_lag_within_the_spreads():
     robust, nominal = certify_robust(), certify("flagship")
     assert robust.proven
-    assert robust.part == 1.0
+    assert robust.certified_fraction == 1.0
     assert max(robust.estimate_deg) <= 2.5
     assert all(a > 1.4 * b for a, b in zip(robust.estimate_deg, nominal.estimate_deg, strict=True))
     assert "whatever the constant inertia within 20 % and the lag within 30 %" in robust.statement
@@ -823,7 +823,7 @@ def test_a_law_whose_numbers_are_wrong_is_not_proven(tmp_path):
     law = load_law("hinf-d2")
     weak = certify_boundedness(save(law, tmp_path, limits=np.full(3, 1e-6)), "paper", moment=MOMENT, horizon=1.0)
     assert not weak.proven
-    assert weak.part is None
+    assert weak.certified_fraction is None
     assert "no part of the moment" in weak.statement
     for factor in (1.001, 2.0, 1e200):
         with pytest.raises(ValueError, match="the loop is unstable"):
@@ -845,7 +845,7 @@ def test_a_law_whose_numbers_are_wrong_is_not_proven(tmp_path):
         ("flagship", {"horizon": 0.0}, "horizon is 0.0 s"),
         ("flagship", {"noise": math.nan}, "noise is nan"),
         ("flagship", {"noise": 0.01, "risk": 1.5}, "risk is 1.5"),
-        ("flagship", {"moment_class": MomentClass.SLOPE}, "a slope belongs to"),
+        ("flagship", {"moment_class": InterSampleMoment.SLOPE}, "a slope belongs to"),
     ],
 )
 def test_what_no_proof_is_about_is_refused(name, changes, words):
@@ -856,8 +856,8 @@ def test_what_no_proof_is_about_is_refused(name, changes, words):
 def test_of_a_moment_too_large_the_largest_part_is_found():
     part = certify_boundedness("hinf-scheduled", "paper", moment=(13.0, 13.0, 6.0), horizon=None)
     assert part.proven
-    assert 0.05 < part.part < 1.0
-    wider = forge(part, ("evidence", "part"), 1.02 * part.part)
+    assert 0.05 < part.certified_fraction < 1.0
+    wider = forge(part, ("evidence", "part"), 1.02 * part.certified_fraction)
     verdict = check(json.dumps(wider), law=law_text("hinf-scheduled"), vehicle=VEHICLE_TEXT)
     assert "does not close" in verdict.reason
 
@@ -882,7 +882,7 @@ def test_a_law_of_rates_stays_in_its_box_with_the_loop_on_board():
 
 
 def test_truth_without_bound_is_said_and_not_guessed():
-    certificate = certify("flagship", 600.0, MomentClass.ANY)
+    certificate = certify("flagship", 600.0, InterSampleMoment.ANY)
     assert certificate.proven
     assert certificate.truth_deg is None
     assert "no bound below a radian" in certificate.statement

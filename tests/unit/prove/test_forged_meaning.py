@@ -569,20 +569,21 @@ def test_a_field_that_is_idle_on_a_stand_does_not_change_the_proof(name: str) ->
 
 def test_what_a_proof_leaves_out_of_the_vehicle_file_is_listed() -> None:
     def left(**changes: Any) -> list[str]:
-        nothing = {"inertia": 0.0, "lag": 0.0, "noise": 0.0, "dt": 0.004, "levelled": False}
+        nothing = {"inertia": 0.0, "lag": 0.0, "noise": 0.0, "dt": 0.004, "gravity_aided": False}
         return list_uncovered(VEHICLE, **{**nothing, **changes})
 
     assert left()[:2] == ["spread of inertia_B", "spread of actuator_lag"]
     assert left()[-1] == "noise of the gyro"
     assert left(inertia=0.2, lag=0.3, noise=0.01) == ["spread of gyro.bias_B"]
     late = f"{VEHICLE}\n[command]\ndelay = 0.0009\n"
-    assert list_uncovered(late, inertia=1, lag=1, noise=9.0, dt=0.004, levelled=False)[-1].startswith("command.delay")
+    left_out = list_uncovered(late, inertia=1, lag=1, noise=9.0, dt=0.004, gravity_aided=False)
+    assert left_out[-1].startswith("command.delay")
     assert left(noise=0.0036)[-1] == "spread of the gyro's noise"
-    assert "noise of the accelerometer" in left(levelled=True)
+    assert "noise of the accelerometer" in left(gravity_aided=True)
     assert "spread of gyro.snr_db" in left(noise=None)
     state = VEHICLE.replace("[gyro]\n", '[gyro]\nnoise_model = "state-dependent"\n')
-    assert "noise of the gyro" in list_uncovered(state, inertia=0.0, lag=0.0, noise=9.0, dt=0.004, levelled=False)
+    assert "noise of the gyro" in list_uncovered(state, inertia=0.0, lag=0.0, noise=9.0, dt=0.004, gravity_aided=False)
     bare = VEHICLE.replace("rate_damping = 0.02", "").replace(
         "gust_gain = 0.0763", "gust_gain = { nominal = 0.0763, low = 0.05, high = 0.1 }"
     )
-    assert "spread of gust_gain" in list_uncovered(bare, inertia=0, lag=0, noise=0, dt=0.004, levelled=False)
+    assert "spread of gust_gain" in list_uncovered(bare, inertia=0, lag=0, noise=0, dt=0.004, gravity_aided=False)

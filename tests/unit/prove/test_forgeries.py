@@ -12,7 +12,7 @@ import pytest
 from firmware_model.config.vehicle import vehicle_path
 from gustproof.checker.evidence import check_certificate as check
 from gustproof.checker.evidence import seal
-from gustproof.checker.flight_box import MomentClass
+from gustproof.checker.flight_box import InterSampleMoment
 from gustproof.checker.system import sha256
 from gustproof.law.form import law_path
 from gustproof.prove.boundedness import certify_boundedness
@@ -264,10 +264,10 @@ def test_a_thought_out_forgery_of_a_gain_is_refused(name):
     [
         ({"horizon": 600.0}, {"horizon": 600.0}),
         ({"horizon": None}, {"horizon": None}),
-        ({"moment_class": "any"}, {"moment_class": MomentClass.ANY}),
+        ({"moment_class": "any"}, {"moment_class": InterSampleMoment.ANY}),
         (
             {"moment_class": "slope", "slope": [99.0, 99.0, 99.0]},
-            {"moment_class": MomentClass.SLOPE, "slope": (99.0, 99.0, 99.0)},
+            {"moment_class": InterSampleMoment.SLOPE, "slope": (99.0, 99.0, 99.0)},
         ),
     ],
 )

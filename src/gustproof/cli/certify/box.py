@@ -76,10 +76,10 @@ def box(
 def _certify(
     law: str, vehicle: str, moment: str, moment_class: str, slope: str | None, horizon: float, **asked: float
 ) -> "FlightCertificate":
-    from gustproof.checker.flight_box import MomentClass
+    from gustproof.checker.flight_box import InterSampleMoment
     from gustproof.prove.boundedness import certify_boundedness
 
-    classes = [member.value for member in MomentClass]
+    classes = [member.value for member in InterSampleMoment]
     if moment_class not in classes:
         raise ConfigError(f"--moment-class: is '{moment_class}', must be one of {', '.join(classes)}")
     try:
@@ -88,7 +88,7 @@ def _certify(
             vehicle,
             moment=parse_positive_vector("--moment", moment),
             horizon=None if horizon == math.inf else horizon,
-            moment_class=MomentClass(moment_class),
+            moment_class=InterSampleMoment(moment_class),
             slope=(0.0, 0.0, 0.0) if slope is None else parse_positive_vector("--slope", slope),
             **asked,
         )

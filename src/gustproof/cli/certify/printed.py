@@ -82,7 +82,7 @@ def show_certificate(
         figures: dict[str, Any] = {"proven": certificate.is_whole, "vehicle": vehicle}
         if isinstance(certificate, FlightCertificate):
             figures |= {
-                "part": certificate.part,
+                "part": certificate.certified_fraction,
                 "estimate_deg": certificate.estimate_deg,
                 "truth_deg": certificate.truth_deg,
                 "torque_nm": certificate.torque_nm,
@@ -116,7 +116,7 @@ def _show_flight(subject: str, certificate: "FlightCertificate") -> None:
     say(f"{subject}: {certificate.verdict}")
     horizon = certificate.assumes["horizon_s"]
     limited = "for ever" if horizon is None else f"{print_down(horizon)} s"
-    own = "for ever" if certificate.part is not None else limited
+    own = "for ever" if certificate.certified_fraction is not None else limited
     if certificate.truth_deg is not None:
         truth = [value for value in certificate.truth_deg if value is not None]
         true = f"true attitude, {limited}" if len(truth) == 3 else "true roll and pitch, for ever"

@@ -78,9 +78,9 @@ def autopilot_law(
     autopilot = AUTOPILOTS.get(kind)
     if autopilot is None:
         raise ConfigError(f"autopilot {none_of(kind, tuple(AUTOPILOTS))}")
-    values, (rate, told) = complete(autopilot, parameters), autopilot.find_rate(parameters)
+    values, (rate, remark) = complete(autopilot, parameters), autopilot.find_rate(parameters)
     if rate_hz is not None and rate_hz != rate:
-        rate, told = rate_hz, f"{autopilot.loop_rate[0]}: the loops are taken at {rate_hz} Hz, as is asked for"
+        rate, remark = rate_hz, f"{autopilot.loop_rate[0]}: the loops are taken at {rate_hz} Hz, as is asked for"
     full_torque = autopilot.full_torque(vehicle, values) if full_torque is None else full_torque
     axes = [autopilot.build(axis, values, full_torque[axis], rate) for axis in range(3)]
     law = cascade_law(
@@ -103,7 +103,7 @@ def autopilot_law(
             *_describe_command(vehicle),
             *_describe_frame(autopilot, parameters, vehicle),
             *describe_defaults(autopilot, parameters),
-            told,
+            remark,
             *autopilot.remarks(parameters, rate),
         ),
     )

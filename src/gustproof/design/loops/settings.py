@@ -145,12 +145,12 @@ def describe_defaults(autopilot: AutopilotLoops, parameters: Mapping[str, float]
     first = [name for name in missing if re.fullmatch(f"{autopilot.gains}|{autopilot.filters}", name)] or missing[:_FEW]
     named = ", ".join(f"{name} {autopilot.settings[name].default:g}" for name in first)
     rest = len(missing) - len(first)
-    told = f"{named}{f' and {rest} others' if rest else ''}" if parameters else f"all {len(missing)} parameters"
+    filled = f"{named}{f' and {rest} others' if rest else ''}" if parameters else f"all {len(missing)} parameters"
     version, later = autopilot.later
     changed = [f"{name} {value:g} for {autopilot.settings[name].default:g}" for name, value in later.items()]
     changed = [each for name, each in zip(later, changed, strict=True) if name in missing]
     others = f"; since {version} {autopilot.name} has {', '.join(changed)}" if changed else ""
-    return [f"defaults of {autopilot.name} {autopilot.version} fill up {told}{others}"]
+    return [f"defaults of {autopilot.name} {autopilot.version} fill up {filled}{others}"]
 
 
 def drop_fractions(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> dict[str, float]:

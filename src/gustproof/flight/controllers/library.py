@@ -121,8 +121,8 @@ def _read(loaded: ctypes.CDLL, prefix: str, where: str) -> Library:
 
     states, measured, size, rates, _ = head = list(_HEAD.in_dll(loaded, f"{prefix}_facts"))
     if not all(number in allowed for number, allowed in zip(head, _ALLOWED.values(), strict=True)):
-        told = ", ".join(f"{name} {number}" for name, number in zip(_ALLOWED, head, strict=True))
-        raise ConfigError(f"{where}: {prefix}_facts can't be: {told}")
+        facts = ", ".join(f"{name} {number}" for name, number in zip(_ALLOWED, head, strict=True))
+        raise ConfigError(f"{where}: {prefix}_facts can't be: {facts}")
     dt, name = _read_rest(loaded, prefix, single=size == 4)
     if not (math.isfinite(dt) and dt > 0.0):
         raise ConfigError(f"{where}: {prefix}_facts can't be: dt {dt}")

@@ -110,12 +110,12 @@ def judge(trial: Trial) -> list[Finding]:
     seen = trial.witness.seen
     if seen.heard_us is None:
         name = "died" if trial.witness.died else "not-connected"
-        told = [(name, trial.ending if trial.witness.died else "no datagram came")]
+        found = [(name, trial.ending if trial.witness.died else "no datagram came")]
     else:
         parts = _PARTS if seen.messages else (_rejections,)
-        told = [each for part in parts for each in part(trial)]
-        told += [] if told else _begun(trial)
-    return [Finding(name=name, seen=seen, spell=trial.name) for name, seen in told]
+        found = [each for part in parts for each in part(trial)]
+        found += [] if found else _begun(trial)
+    return [Finding(name=name, seen=seen, spell=trial.name) for name, seen in found]
 
 
 def _identity(trial: Trial) -> Iterator[_Seen]:
@@ -189,11 +189,11 @@ def _stream(trial: Trial) -> Iterator[_Seen]:
         yield "flooding", f"{rate:.0f} datagrams a sample"
     if not witness.vehicle.flight.lockstep and witness.answers_slowly(_FEW_ANSWERS):
         limit_ms = 1e-3 * SLOW_SAMPLES * witness.sample_us
-        told = f"half of the answers took {1e-3 * witness.median_age_us:.1f} ms or more, over {limit_ms:g} ms"
+        late = f"half of the answers took {1e-3 * witness.median_age_us:.1f} ms or more, over {limit_ms:g} ms"
         if witness.is_machine_busy:
-            yield "not-judged", f"{told}, but the vehicle was late too, on this busy machine"
+            yield "not-judged", f"{late}, but the vehicle was late too, on this busy machine"
         else:
-            yield "late", told
+            yield "late", late
     for first, second in seen.unequal[:1]:
         yield "unequal-answers", f"sample {first.sample}: {_numbers(first)}, then {_numbers(second)}"
 

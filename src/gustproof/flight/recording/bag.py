@@ -271,8 +271,8 @@ def _write_derived(
         writer.write(events, time_us * 1000, _serialize(definitions.LOG, *log))
     judged = _add_topic(writer, REQUIREMENTS_TOPIC, definitions.REQUIREMENT)
     for result in requirements:
-        time_us, told = requirement_fields(result, scenario, end_us)
-        writer.write(judged, time_us * 1000, _serialize(definitions.REQUIREMENT, _header(time_us), *told))
+        time_us, row = requirement_fields(result, scenario, end_us)
+        writer.write(judged, time_us * 1000, _serialize(definitions.REQUIREMENT, _header(time_us), *row))
 
 
 def read_estimate_topics(path: Path) -> Records:

@@ -91,5 +91,13 @@ def requirement_fields(result: Mapping[str, Any], scenario: Scenario, end_us: in
     """Return the stamp [us] of a requirement's `result` and the fields of its message after the header."""
     to_s = scenario.duration_s if result["to_s"] is None else result["to_s"]
     numbers = [math.nan if result[name] is None else result[name] for name in ("at_least", "at_most", "value")]
-    told = (result["metric"], result["axis"] or "", result["from_s"], to_s, *numbers, result["judged"], result["held"])
-    return min(round(to_s * 1e6), end_us), told
+    fields = (
+        result["metric"],
+        result["axis"] or "",
+        result["from_s"],
+        to_s,
+        *numbers,
+        result["judged"],
+        result["held"],
+    )
+    return min(round(to_s * 1e6), end_us), fields

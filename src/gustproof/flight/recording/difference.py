@@ -80,8 +80,8 @@ class _BagComparison:
         begin = 0
         for block in record_blocks(self._records[: self.samples]):
             latest = np.searchsorted(changed_us, block["time_us"], side="right") - 1
-            told = np.where(latest >= 0, modes[latest], -1)
-            self.different += (begin + np.flatnonzero(told != block["mode"])[:1]).tolist()
+            recorded = np.where(latest >= 0, modes[latest], -1)
+            self.different += (begin + np.flatnonzero(recorded != block["mode"])[:1]).tolist()
             begin += len(block)
 
     def _compare_rates(self) -> None:

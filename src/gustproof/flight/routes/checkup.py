@@ -124,12 +124,12 @@ def check_cache() -> Check:
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
         return Check("compile cache", Status.WARNING, f"{folder}: not writable", lasting)
     if damaged := find_damaged():
-        told = f"{damaged[0]}: damaged, or written by others; is not used" + f", one of {len(damaged)}"
-        return Check("compile cache", Status.WARNING, told, "nothing, the next flight compiles it again")
+        text = f"{damaged[0]}: damaged, or written by others; is not used" + f", one of {len(damaged)}"
+        return Check("compile cache", Status.WARNING, text, "nothing, the next flight compiles it again")
     state = "warm" if found.warm else "cold, so the first flight compiles"
     if found.temporary:
-        told = f"{folder}: temporary, as neither the installation nor the home can be written; {state}"
-        return Check("compile cache", Status.WARNING, told, lasting)
+        text = f"{folder}: temporary, as neither the installation nor the home can be written; {state}"
+        return Check("compile cache", Status.WARNING, text, lasting)
     return Check("compile cache", Status.OK, f"{folder}: {state}")
 
 

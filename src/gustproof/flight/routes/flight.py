@@ -28,8 +28,8 @@ from gustproof.flight.controllers.user_controller import (
 )
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.upsets import describe_upsets
+from gustproof.flight.scoring.estimator_view import EstimatorView, compare_estimates
 from gustproof.flight.scoring.metrics import Metrics, measure
-from gustproof.flight.scoring.own_view import OwnView, compare_estimates
 from gustproof.flight.scoring.requirements import RequirementResult, judge
 from gustproof.law.form import Law, doubt_vehicle, parse_law
 from gustproof.types import Records
@@ -104,7 +104,7 @@ class Flight:
         return law_name(self.law) if self.entry is None else self.entry.name
 
     @cached_property
-    def own_view(self) -> OwnView | None:
+    def estimator_view(self) -> EstimatorView | None:
         """Errors of a real autopilot's own attitude; `None` for our own autopilot, or if too little was told."""
         return None if self.estimates is None else compare_estimates(self.records, self.estimates)
 
@@ -127,8 +127,8 @@ class Flight:
             return (
                 *(f"{flown['program']} has no parameter {name}, and ignored it" for name in unknown),
                 *(
-                    f"{flown['program']} keeps {name} as a whole number: {told:g}, not {flown['parameters'][name]}"
-                    for name, told in rounded.items()
+                    f"{flown['program']} keeps {name} as a whole number: {reported:g}, not {flown['parameters'][name]}"
+                    for name, reported in rounded.items()
                 ),
             )
         if self.law is None:
@@ -158,7 +158,7 @@ class Flight:
             "bag": None if self.bag is None else str(self.bag),
             "warnings": list(self.warnings),
             **({} if self.metrics is None else asdict(self.metrics)),
-            **({} if self.own_view is None else {"own_view": asdict(self.own_view)}),
+            **({} if self.estimator_view is None else {"own_view": asdict(self.estimator_view)}),
             "pace": None if self.timing is None else dict(self.timing),
             "requirements": [result.to_dict() for result in self.requirements],
         }

@@ -339,7 +339,7 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
 def _step_law(law: SparseLaw, z: Array, commands: Array, work: Array) -> None:
     """Do the work of `law_kernel`, each flight's sums in the same order."""
     n, k = work.shape[0], law.schedule.shape[0]
-    if law.is_levelled:
+    if law.is_gravity_aided:
         for w in range(LANES):
             force = (z[n + FORCE, w], z[n + FORCE + 1, w], z[n + FORCE + 2, w])
             roll, pitch = tilt(force, (z[0, w], z[1, w]))

@@ -289,30 +289,30 @@ class _ProcessPair:
             return FlightOutcome.AUTOPILOT_LOST
         outcome = FlightOutcome.NOT_STARTED if self._gave_up else _OUTCOMES[VehicleOutcome(self.summary["outcome"])]
         status = self._processes["controller"].poll()
-        reason, told = self._read_controller()
+        reason, reported = self._read_controller()
         # A program ends by itself once the vehicle is disarmed, whatever the outcome.
         ended_early = self._alone if self._is_program else status is not None
         if ended_early and outcome is not FlightOutcome.DONE:
             self.reason = reason or describe_exit(status or 0)
-        return self._refine(outcome, told)
+        return self._refine(outcome, reported)
 
     def _read_controller(self) -> tuple[str, dict[str, Any]]:
         """End the controller; return its last words, and its summary, whose figures of pace go with the vehicle's."""
         controller = self._processes["controller"]
-        reason, told = last_stderr_line(controller), read_summary(controller)
-        if self.summary["pace"] and "late_samples" in told:
-            self.summary["pace"] |= {name: told[name] for name in ("late_samples", "missed_samples")}
-        if told:
-            reason = f"{'gustproof controller: ' if self._is_law else ''}{told['message']}"
-        return reason, told
+        reason, reported = last_stderr_line(controller), read_summary(controller)
+        if self.summary["pace"] and "late_samples" in reported:
+            self.summary["pace"] |= {name: reported[name] for name in ("late_samples", "missed_samples")}
+        if reported:
+            reason = f"{'gustproof controller: ' if self._is_law else ''}{reported['message']}"
+        return reason, reported
 
-    def _refine(self, outcome: FlightOutcome, told: Mapping[str, Any]) -> FlightOutcome:
+    def _refine(self, outcome: FlightOutcome, reported: Mapping[str, Any]) -> FlightOutcome:
         """Return the outcome of an entry's flight, and keep how far one came that did not begin; a law's stays."""
         if self._is_law:
             return outcome
         if outcome is FlightOutcome.NOT_STARTED:
             self.reason = "; ".join(filter(None, (describe_start(self.summary), self.reason)))
-        return outcome if self._scripted else refine_outcome(outcome, self.summary, told, alone=self._alone)
+        return outcome if self._scripted else refine_outcome(outcome, self.summary, reported, alone=self._alone)
 
 
 def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":

@@ -72,9 +72,9 @@ def refine_outcome(
         return FlightOutcome.CONTROLLER_LATE if vehicle["pace"]["held"] > most else outcome
     if outcome is not FlightOutcome.CONTROLLER_LOST:
         return outcome
-    told = f"CONTROLLER_{controller.get('outcome', '').upper()}"
-    if told in FlightOutcome.__members__:
-        return FlightOutcome[told]
+    named = f"CONTROLLER_{controller.get('outcome', '').upper()}"
+    if named in FlightOutcome.__members__:
+        return FlightOutcome[named]
     if vehicle["counters"].get(RejectReason.NOT_FINITE.value, 0):
         return FlightOutcome.CONTROLLER_NOT_FINITE
     if controller.get("late_samples", 0) > most:  # so late that its answers were taken for none

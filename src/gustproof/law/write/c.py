@@ -169,8 +169,8 @@ def c_unit(
         f"A step takes at most {operations} operations on every path, and below {INSTRUCTIONS * operations} machine "
         "instructions where the processor has them: GCC at -O2, x86-64 and ARM."
     )
-    told = "".join(f"\n *\n * {_in_comment(note)}" for note in (cost, *notes))
-    return CUnit(source, _header(writer, {**words, "notes": told}), operations)
+    remarks = "".join(f"\n *\n * {_in_comment(note)}" for note in (cost, *notes))
+    return CUnit(source, _header(writer, {**words, "notes": remarks}), operations)
 
 
 def c_name(name: str) -> str:

@@ -200,8 +200,8 @@ def _stamps(table: NDArray[np.void], field: str) -> Array:
     """Return the times [us] (n,) of samples by a field, or by `timestamp` where it is absent or 0."""
     stamps = table[_MESSAGE][:, 0].astype(np.float64)
     if field in (table.dtype.names or ()):
-        told = table[field][:, 0].astype(np.float64)
-        stamps = np.where(told > 0.0, told, stamps)
+        stamped = table[field][:, 0].astype(np.float64)
+        stamps = np.where(stamped > 0.0, stamped, stamps)
     return stamps
 
 

@@ -35,12 +35,12 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
         title = "Requirements, and the share of runs that met them"
         columns = {"law, requirement": _FIRST, "limit": _RIGHT, "met": _WIDE, "worst": _NARROW, "run": _NARROW}
         parts.append(_law_table(found, title, columns, _requirement_rows))
-    told = [
+    certified = [
         law.figures[IMPORTANCE_FIGURE].importance.get(name) for law in found.laws for name in found.campaign.spreads
     ]
-    if told and not any(told):
+    if certified and not any(certified):
         parts.append(Text(f"causes: these runs do not tell them apart ({FEWEST_RUNS} are needed)"))
-    elif told:
+    elif certified:
         caption = (
             "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
             "remainder: gusts and noise of each run, and interactions"

@@ -263,15 +263,15 @@ def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
     for i, (axis, values, colour) in enumerate(zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
         angles = np.degrees(np.unwrap(np.angle(values)))
         turns = 360.0 * np.ceil(angles[0] / 360.0)
-        label, told = axis, ""
+        label, legend = axis, ""
         if hover.margins is not None:
             margins = hover.margins.input[i]
             label = f"{axis}: GM {20.0 * math.log10(margins.gain_margin):.1f} dB"
-            told = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
+            legend = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
             for axes in (gain, phase) if 0.0 < margins.crossover < math.inf else ():
                 axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
         gain.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
-        phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=told or axis)
+        phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=legend or axis)
     gain.axhline(0.0, color=_INK, linestyle="--", linewidth=0.8)
     phase.axhline(-180.0, color=_INK, linestyle="--", linewidth=0.8)
     for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):

@@ -21,10 +21,10 @@ def render_steps(steps: Sequence[TuningStep]) -> Renderable:
     """Return the figures of each step, then each parameter now, in the first step and at the end."""
     figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title="Steps")
     for number, step in enumerate(steps):
-        told, margins = step.tuning, step.margins
+        tuning, margins = step.tuning, step.margins
         figures.add_row(
             str(number) if number else "now",
-            *(_cell(value) for value in (math.degrees(told.rmse), told.slew, told.Ms, told.corner_Ms)),
+            *(_cell(value) for value in (math.degrees(tuning.rmse), tuning.slew, tuning.Ms, tuning.corner_Ms)),
             *(("-", "-") if margins is None else (_cell(margins.gain_margin), _cell(1e3 * margins.delay_margin))),
         )
     now, first, last = (steps[at].tuning.parameters for at in (0, 1, -1))

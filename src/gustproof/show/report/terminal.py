@@ -13,8 +13,8 @@ from rich.text import Text
 
 from firmware_model.config.files import write_text
 from firmware_model.config.validation import printable
+from gustproof.flight.scoring.estimator_view import EstimatorView
 from gustproof.flight.scoring.metrics import FIGURE_UNITS, Metrics
-from gustproof.flight.scoring.own_view import OwnView
 from gustproof.flight.scoring.requirements import (
     RequirementResult,
     requirement_label,
@@ -85,15 +85,15 @@ def render_flight(
     requirements: Sequence[RequirementResult] = (),
     timing: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
-    own_view: OwnView | None = None,
+    estimator_view: EstimatorView | None = None,
 ) -> Renderable:
     """Return figures, requirements, timing, warnings and the bag of one flight, and a real autopilot's own view."""
     # The title of a table would be broken to its narrow width.
     parts: list[RenderableType] = [Text(title, style="bold")]
     if metrics:
         parts.append(figures_table("", {"": metrics}))
-    if own_view:
-        parts.extend(map(Text, own_view_lines(own_view)))
+    if estimator_view:
+        parts.extend(map(Text, estimator_view_lines(estimator_view)))
     if requirements:
         parts.append(requirements_table(requirements))
     if timing:
@@ -102,7 +102,7 @@ def render_flight(
     return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
 
 
-def own_view_lines(view: OwnView) -> Iterable[str]:
+def estimator_view_lines(view: EstimatorView) -> Iterable[str]:
     """Yield the errors of a real autopilot's attitude, as it sees them and in truth."""
     roll, pitch, yaw = map(format_number, view.estimate_axes_deg)
     yield (

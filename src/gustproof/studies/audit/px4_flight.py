@@ -99,8 +99,8 @@ def record_flight(build: Path, parameters: Mapping[str, str], phases: Sequence[A
     except ExternalError as error:
         raise ConfigError(f"audit px4: {error}") from None
     for name, value in parameters.items():
-        if not math.isclose(told := record.parameters.get(name, math.nan), float(value), rel_tol=_FLOAT32):
-            raise ConfigError(f"audit px4: PX4 has {name} {told:g} where {value} was set")
+        if not math.isclose(reported := record.parameters.get(name, math.nan), float(value), rel_tol=_FLOAT32):
+            raise ConfigError(f"audit px4: PX4 has {name} {reported:g} where {value} was set")
     return record
 
 

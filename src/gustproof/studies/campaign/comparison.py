@@ -13,8 +13,8 @@ from gustproof.errors import FlightError
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
 from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.scoring.estimator_view import EstimatorView, steady_rmse_deg
 from gustproof.flight.scoring.metrics import Metrics, measure
-from gustproof.flight.scoring.own_view import OwnView, steady_rmse_deg
 from gustproof.law.form import Law
 from gustproof.types import Records
 
@@ -77,10 +77,10 @@ def _fly(scenario: Scenario, vehicle: Vehicle, controller: ExternalAutopilot | L
         raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise FlightError(flight.message)
-    return _make_row(controller.name, flight.records, flight.metrics, flight.own_view)
+    return _make_row(controller.name, flight.records, flight.metrics, flight.estimator_view)
 
 
-def _make_row(name: str, records: Records, figures: Metrics, view: OwnView | None) -> ComparisonRow:
+def _make_row(name: str, records: Records, figures: Metrics, view: EstimatorView | None) -> ComparisonRow:
     return ComparisonRow(
         name=name,
         steady_rmse_deg=steady_rmse_deg(records),

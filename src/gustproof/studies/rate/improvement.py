@@ -61,8 +61,8 @@ class Improvement:
         if kind is None:
             return {}
         values = self.better.law.provenance.parameters
-        told = {name: AUTOPILOTS[kind].describe_limit(name, value) for name, value in values.items()}
-        return {name: text for name, text in told.items() if text}
+        texts = {name: AUTOPILOTS[kind].describe_limit(name, value) for name, value in values.items()}
+        return {name: text for name, text in texts.items() if text}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the judgement of the better gains as JSON values, and what they cost."""

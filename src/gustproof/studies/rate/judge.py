@@ -183,7 +183,11 @@ class Judgement:
             "worst_gust_note": self.gust_note,
             "proof": None
             if self.proof is None
-            else {"proven": self.proof.is_whole, "part": self.proof.part, "statement": self.proof.statement},
+            else {
+                "proven": self.proof.is_whole,
+                "part": self.proof.certified_fraction,
+                "statement": self.proof.statement,
+            },
             "proof_note": self.proof_note,
             "failure": self.failure and self.failure.describe(),
             "advice": [{"text": each.describe(), **asdict(each)} for each in self.advice],
@@ -341,9 +345,9 @@ def _judge_axes(
     predicted = None if box.nominal in unstable else predict(law, box.nominal, scenario)
     if predicted is None:
         return None, ()
-    K, levelled = loop_law(law), law.uses_accelerometer
+    K, gravity_aided = loop_law(law), law.uses_accelerometer
     tried = [box.nominal, *(each for each in box.corners() if each not in unstable)]
-    sampled = [input_margins(hover_plant(each, scenario, with_attitude=levelled), K) for each in tried]
+    sampled = [input_margins(hover_plant(each, scenario, with_attitude=gravity_aided), K) for each in tried]
     found = []
     for axis in range(3):
         loops = [each[axis] for each in sampled]

@@ -85,5 +85,5 @@ def _assess(
     loops = [worst_loop(input_margins(hover_plant(each, script), K)) for each in tried]
     slew = whole_slew(found, vehicle, AUTOPILOTS[tuning.kind].thrust_step(vehicle), script)
     corner = max(each.Ms for each in loops)
-    told = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)
-    return TuningStep(tuning=told, margins=loops[0])
+    measured = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)
+    return TuningStep(tuning=measured, margins=loops[0])

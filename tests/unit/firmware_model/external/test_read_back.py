@@ -80,7 +80,7 @@ def test_answer_that_comes_late_is_taken():
 def test_whole_numbers_come_as_bits_from_px4_and_cast_from_ardupilot(bytewise, sent):
     reader = ParameterReader({"COM_RC_IN_MODE": "4"}, bytewise=bytewise)
     assert read(reader, value("COM_RC_IN_MODE", sent, WHOLE)) == ""
-    assert reader.told == {"COM_RC_IN_MODE": 4.0}
+    assert reader.reported == {"COM_RC_IN_MODE": 4.0}
     wrong = ParameterReader({"COM_RC_IN_MODE": "5"}, bytewise=bytewise)
     assert read(wrong, value("COM_RC_IN_MODE", sent, WHOLE)) == "it has COM_RC_IN_MODE 4 where 5 was set"
 
@@ -111,4 +111,4 @@ def test_every_name_is_asked_for_before_one_is_asked_for_again():
 def test_value_of_nobody_who_was_asked_is_ignored():
     reader = ParameterReader({"A": "1"})
     reader.take(value("B", 1.0))
-    assert reader.told == {}
+    assert reader.reported == {}

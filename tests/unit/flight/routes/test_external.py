@@ -24,7 +24,7 @@ from gustproof.flight.routes.external import (
 from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.recorder import fly_external_and_record, recover
-from gustproof.flight.scoring.own_view import compare_estimates
+from gustproof.flight.scoring.estimator_view import compare_estimates
 from gustproof.law.form import load_law
 from gustproof.show.report.html.page import render_page
 from gustproof.show.report.html.runs import read_runs
@@ -62,14 +62,14 @@ def test_flight_leaves_its_bag_with_plan_and_facts(flight: Flight) -> None:
 def test_own_attitude_is_told_in_topics_and_figures(flight: Flight) -> None:
     assert flight.bag is not None
     assert flight.estimates is not None
-    assert flight.own_view is not None
+    assert flight.estimator_view is not None
     assert flight.metrics is not None
     assert read_estimate_topics(flight.bag).tobytes() == flight.estimates.tobytes()
     # The peer takes the truth every fifth sample, and is as good as its gyro between.
-    assert flight.own_view.estimate_rmse_deg < 0.05
-    assert flight.own_view.true_control_rmse_deg == pytest.approx(flight.metrics.rmse_deg, rel=0.1)
+    assert flight.estimator_view.estimate_rmse_deg < 0.05
+    assert flight.estimator_view.true_control_rmse_deg == pytest.approx(flight.metrics.rmse_deg, rel=0.1)
     document = json.loads(json.dumps(flight.to_dict()))
-    assert document["own_view"]["control_rmse_deg"] == flight.own_view.control_rmse_deg
+    assert document["own_view"]["control_rmse_deg"] == flight.estimator_view.control_rmse_deg
 
 
 def test_page_names_autopilot_and_its_view(flight: Flight) -> None:

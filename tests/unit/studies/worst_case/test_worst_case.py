@@ -144,7 +144,7 @@ def test_a_spread_is_a_fraction() -> None:
 def test_the_search_finds_nothing_outside_the_truths_bound_and_most_of_the_flagships_box(
     box: FlightCertificate,
 ) -> None:
-    assert box.part == 1.0
+    assert box.certified_fraction == 1.0
     worst = worst_case(load_law("flagship"), vehicle=VEHICLE, budget=PAPER_BUDGET, duration_s=6.0, flights=100)
     assert box.truth_deg is not None
     assert box.estimate_deg is not None

@@ -10,7 +10,7 @@ import numpy as np
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import MOST_ROTORS
 from gustproof.flight.scoring.metrics import attitude
-from gustproof.show.report.html.marks import Mark, limit_marks
+from gustproof.show.report.html.marks import History, Mark, limit_marks
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.types import Array
 
@@ -92,28 +92,28 @@ def _torque_share(run: ReportRun) -> Array:
     return np.asarray(np.max(share, axis=1, keepdims=True))
 
 
-_HISTORIES: tuple[tuple[str, tuple[str, ...], Values], ...] = (
-    ("Attitude", ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), lambda run: np.degrees(attitude(run.records))),
-    ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_B")),
-    ("Commanded rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_command_B")),
-    ("Commanded torque", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_command_B")),
-    ("Torque of the actuators", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_B")),
-    ("Saturation", ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
-    ("Gust, blowing toward", ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _field("gust_B")),
-    ("Angular gust", ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _field("gust_omega_B")),
-    ("Mean wind, blowing toward", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("wind_N")),
-    ("Disturbance moment", ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("moment_B")),
-    ("Thrust of the rotors", tuple(f"rotor {i + 1} [N]" for i in range(MOST_ROTORS)), _field("rotors")),
-    ("Position", ("north [m]", "east [m]", "down [m]"), _field("position_N")),
-    ("Velocity", ("north [m/s]", "east [m/s]", "down [m/s]"), _field("velocity_N")),
-    ("Link", ("age of the acting command [samples]",), _field("command_age")),
+_HISTORIES: tuple[tuple[History, tuple[str, ...], Values], ...] = (
+    (History.ATTITUDE, ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), lambda run: np.degrees(attitude(run.records))),
+    (History.RATES, ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_B")),
+    (History.COMMANDED_RATES, ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_command_B")),
+    (History.COMMANDED_TORQUE, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_command_B")),
+    (History.ACTUATOR_TORQUE, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_B")),
+    (History.SATURATION, ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
+    (History.GUST, ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _field("gust_B")),
+    (History.ANGULAR_GUST, ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _field("gust_omega_B")),
+    (History.MEAN_WIND, ("north [m/s]", "east [m/s]", "down [m/s]"), _field("wind_N")),
+    (History.MOMENT, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("moment_B")),
+    (History.THRUST, tuple(f"rotor {i + 1} [N]" for i in range(MOST_ROTORS)), _field("rotors")),
+    (History.POSITION, ("north [m]", "east [m]", "down [m]"), _field("position_N")),
+    (History.VELOCITY, ("north [m/s]", "east [m/s]", "down [m/s]"), _field("velocity_N")),
+    (History.LINK, ("age of the acting command [samples]",), _field("command_age")),
 )
-"""Title, axes and values (n, k) of each group of time histories; constant groups are left out."""
+"""Kind, axes and values (n, k) of each group of time histories; constant groups are left out."""
 
-_SPECTRA = ("Attitude", "Gust, blowing toward", "Disturbance moment")
+_SPECTRA = (History.ATTITUDE, History.GUST, History.MOMENT)
 
 
-def _number_modes(runs: Sequence[ReportRun]) -> tuple[str, tuple[str, ...], Values]:
+def _number_modes(runs: Sequence[ReportRun]) -> tuple[History, tuple[str, ...], Values]:
     """Return a history of the modes by their places in its axis' title, as their own numbers tell nothing."""
     modes = np.concatenate([run.records["mode"] for run in runs])
     flown = np.unique(modes[~np.isnan(modes)])
@@ -124,7 +124,7 @@ def _number_modes(runs: Sequence[ReportRun]) -> tuple[str, tuple[str, ...], Valu
         mode = run.records["mode"][:, np.newaxis]
         return np.where(np.isnan(mode), np.nan, np.searchsorted(flown, mode))
 
-    return "Autopilot", (f"mode: {title}",), places
+    return History.AUTOPILOT, (f"mode: {title}",), places
 
 
 def _is_known(values: Array, k: int) -> bool:
@@ -135,7 +135,7 @@ def _is_known(values: Array, k: int) -> bool:
 def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     """Return the time histories that are not constant in every run."""
     groups = []
-    for title, axes, values in (*_HISTORIES, _number_modes(runs)):
+    for history, axes, values in (*_HISTORIES, _number_modes(runs)):
         columns = [values(run) for run in runs]
         if not any(np.any(np.ptp(np.nan_to_num(column), axis=0) > 0.0) for column in columns):
             continue
@@ -146,11 +146,11 @@ def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
         for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
             known = [i for i in order if _is_known(columns[i], k)]
             curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
-            references = _reference_curves(runs, k) if title == "Attitude" else ()
+            references = _reference_curves(runs, k) if history is History.ATTITUDE else ()
             drawn = (*curves, *references)
-            marks = limit_marks(runs, title, k)
+            marks = limit_marks(runs, history, k)
             charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=drawn, marks=marks))
-        groups.append(ChartGroup(title=title, charts=tuple(filter(attrgetter("curves"), charts))))
+        groups.append(ChartGroup(title=history.value, charts=tuple(filter(attrgetter("curves"), charts))))
     return tuple(groups)
 
 
@@ -164,7 +164,7 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
     """
     groups = []
     flown = [(i, run) for i, run in enumerate(runs) if len(run.records) > 1]
-    for title, axes, values in (history for history in _HISTORIES if history[0] in _SPECTRA):
+    for history, axes, values in (each for each in _HISTORIES if each[0] in _SPECTRA):
         found = [_spectrum(values(run), run.scenario.dt) for _, run in flown]
         charts = []
         for k, axis in enumerate(axes):
@@ -178,7 +178,9 @@ def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
             if curves:
                 charts.append(frequency_chart(label, merge_curves(curves, "all runs")))
         if charts:
-            groups.append(ChartGroup(title=f"Spectrum: {title.partition(',')[0].lower()}", charts=tuple(charts)))
+            groups.append(
+                ChartGroup(title=f"Spectrum: {history.value.partition(',')[0].lower()}", charts=tuple(charts))
+            )
     return tuple(groups)
 
 

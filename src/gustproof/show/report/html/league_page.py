@@ -46,10 +46,10 @@ def _render_ranking(league: League) -> str:
     rows, marks = [], []
     for i in league.order:
         (rank, within), score = league.ranks[i], league.standings.ratios[i]
-        told, name = format_interval(score), league.plan.entries[i].name
-        rows.append([_render_entry(league, i), f"{rank}", f"{league.classes[i]}, {within}", escape(told)])
+        text, name = format_interval(score), league.plan.entries[i].name
+        rows.append([_render_entry(league, i), f"{rank}", f"{league.classes[i]}, {within}", escape(text)])
         is_first = i == league.order[0]
-        marks.append(ForestRow(i, name, ((score, "disc"),), format_number(score.value), f"score {told}", is_first))
+        marks.append(ForestRow(i, name, ((score, "disc"),), format_number(score.value), f"score {text}", is_first))
     note = (
         f"Score: a flight's error is the rms of Euler angles minus reference. Its ratio to that of {REFERENCE} in the "
         f"same seed counts within a factor of {CLIP:g}; a flight that fails, diverges or errs by {WORST_DEG:g} deg "
@@ -92,13 +92,13 @@ def _render_cells(league: League) -> str:
         rows.append([escape(cell.scenario.name), escape(cell.vehicles.nominal.name), mean, *shades])
     heads = ["scenario", "vehicle", f"{REFERENCE} [deg]", *_names(league, league.order)]
     lost = "".join(f"<p>{escape(line)}</p>" for line in describe_failures(league))
-    told = "".join(f"<li>{escape(f'{each.name}: {each.description}')}</li>" for each in league.plan.scenarios)
+    described = "".join(f"<li>{escape(f'{each.name}: {each.description}')}</li>" for each in league.plan.scenarios)
     note = (
         f"Error over that of {REFERENCE} in each cell; the least is underlined. Winds are in strengths for paper. "
         "Other vehicles fly in gusts of the same angular acceleration in roll, and under kicks of the same share of "
         "their torque limits. Below: what failed."
     )
-    return _note(note) + render_table(heads, rows) + lost + f"<ul>{told}</ul>"
+    return _note(note) + render_table(heads, rows) + lost + f"<ul>{described}</ul>"
 
 
 def _render_ratio(ratio: float, *, best: bool) -> str:
@@ -112,9 +112,9 @@ def _render_pairs(league: League) -> str:
         cells = []
         for j in order:
             pair = league.standings.pairs[i][j]
-            told = escape(format_interval(pair)) if i != j else ""
+            described = escape(format_interval(pair)) if i != j else ""
             is_told_apart = pair.high < 1.0 or pair.low > 1.0
-            cells.append(_shade(told, 25, is_less=pair.high < 1.0) if is_told_apart else told)
+            cells.append(_shade(described, 25, is_less=pair.high < 1.0) if is_told_apart else described)
         rows.append([_render_entry(league, i), *cells])
     note = (
         f"Error of the row's entry over the column's, geometric mean, with its {100 * CONFIDENCE:g} % interval from "

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import pairwise
 from math import degrees, inf
 from typing import Any
@@ -10,6 +11,26 @@ from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.timeline import timeline
 from gustproof.show.report.html.runs import ReportRun
+
+
+class History(Enum):
+    """Group of time histories; the value is its title."""
+
+    ATTITUDE = "Attitude"
+    RATES = "Body rates"
+    COMMANDED_RATES = "Commanded rates"
+    COMMANDED_TORQUE = "Commanded torque"
+    ACTUATOR_TORQUE = "Torque of the actuators"
+    SATURATION = "Saturation"
+    GUST = "Gust, blowing toward"
+    ANGULAR_GUST = "Angular gust"
+    MEAN_WIND = "Mean wind, blowing toward"
+    MOMENT = "Disturbance moment"
+    THRUST = "Thrust of the rotors"
+    POSITION = "Position"
+    VELOCITY = "Velocity"
+    LINK = "Link"
+    AUTOPILOT = "Autopilot"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,21 +47,21 @@ class Mark:
     """Index in the palette; `None` is the colour of limits."""
 
 
-def limit_marks(runs: Sequence[ReportRun], title: str, k: int) -> tuple[Mark, ...]:
+def limit_marks(runs: Sequence[ReportRun], history: History, k: int) -> tuple[Mark, ...]:
     """Return the limits in chart `k` of a group of time histories, each once."""
     found: dict[Mark, None] = {}
     for run in runs:
-        found.update(dict.fromkeys(_marks(run, title, k)))
+        found.update(dict.fromkeys(_marks(run, history, k)))
     return tuple(found)
 
 
-def _marks(run: ReportRun, title: str, k: int) -> Iterator[Mark]:
-    if title in ("Commanded torque", "Torque of the actuators"):
+def _marks(run: ReportRun, history: History, k: int) -> Iterator[Mark]:
+    if history in (History.COMMANDED_TORQUE, History.ACTUATOR_TORQUE):
         limit = run.vehicle.torque_limit[k]
         yield from (Mark(label=f"torque limit {limit:g}", y=sign * limit) for sign in (1.0, -1.0))
-    if title == "Saturation":
+    if history is History.SATURATION:
         yield Mark(label="torque limit", y=1.0)
-    marks = {"Attitude": _attitude_marks, "Commanded torque": _torque_marks}.get(title)
+    marks = {History.ATTITUDE: _attitude_marks, History.COMMANDED_TORQUE: _torque_marks}.get(history)
     for required in run.scenario.require if marks else ():
         if marks and required.axis in (None, AXES[k]):
             yield from marks(run.scenario, required, k)

@@ -113,7 +113,7 @@ def _describe_autopilot(facts: Mapping[str, Any] | None) -> str:
 
 def _own_views(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
     for name, label in _OWN_VIEW.items():
-        values = [getattr(run.own_view, name, math.nan) for run in runs]
+        values = [getattr(run.estimator_view, name, math.nan) for run in runs]
         yield f"{label} [deg]", ["" if math.isnan(value) else format_number(value) for value in values]
 
 

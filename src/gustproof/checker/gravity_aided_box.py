@@ -47,8 +47,8 @@ from gustproof.checker.estimate_box import (
     trigonometry,
     up,
 )
+from gustproof.checker.gravity_aided_norms import ANGLE, LAG, LEAK, OFFSET, TURN, GravityAidedNorms
 from gustproof.checker.kernel_norms import COMMAND, UP, X0, X1
-from gustproof.checker.levelled_norms import ANGLE, LAG, LEAK, OFFSET, TURN, LevelledNorms
 from gustproof.checker.system import LoopSystem
 from gustproof.checker.truth_drift import Three, slope_of_T
 
@@ -81,7 +81,7 @@ class _Motion(NamedTuple):
     """[rad/s] rate u at M."""
 
 
-def map_levelled_box(system: LoopSystem, norms: list[LevelledNorms], case: EstimateCase, box: Box) -> Box:
+def map_gravity_aided_box(system: LoopSystem, norms: list[GravityAidedNorms], case: EstimateCase, box: Box) -> Box:
     """Return the bounds of all signals that follow if `box` bounds the nonlinear terms.
 
     Raises
@@ -115,14 +115,14 @@ def map_levelled_box(system: LoopSystem, norms: list[LevelledNorms], case: Estim
     return follows
 
 
-def levelled_truth(system: LoopSystem, box: Box) -> Three:
+def gravity_aided_truth(system: LoopSystem, box: Box) -> Three:
     """Return bounds [rad] of the true roll and pitch at all times."""
     return [row[ANGLE] + system.dt / 2 * v for row, v in zip(box[:2], _speed(system, box), strict=False)]
 
 
 def _map_axis(
     system: LoopSystem,
-    norms: LevelledNorms,
+    norms: GravityAidedNorms,
     case: EstimateCase,
     box: Box,
     e: Three,

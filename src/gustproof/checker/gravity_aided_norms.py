@@ -54,7 +54,7 @@ _SPARE = 1e-6
 """[-] share of the largest mode that is added to each, so that z is found."""
 
 
-class LevelledNorms(NamedTuple):
+class GravityAidedNorms(NamedTuple):
     """Upper bounds of an axis's norms for all time."""
 
     axis: AxisNorms
@@ -84,7 +84,7 @@ class _Loop(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def levelled_norms(system: LoopSystem, axis: int, samples: int) -> LevelledNorms:
+def gravity_aided_norms(system: LoopSystem, axis: int, samples: int) -> GravityAidedNorms:
     """Return the norms of an axis of a law that reads tilt, from a simulation of `samples`.
 
     Raises
@@ -120,7 +120,7 @@ def levelled_norms(system: LoopSystem, axis: int, samples: int) -> LevelledNorms
     norms = AxisNorms(
         entries[None], whole[None, :, m + 1], whole[None, :, m + 2], np.zeros((1, len(whole))), inertia, lag, 0.0
     )
-    return LevelledNorms(norms, sums, changes)
+    return GravityAidedNorms(norms, sums, changes)
 
 
 def _make_loop(system: LoopSystem, axis: int) -> _Loop:

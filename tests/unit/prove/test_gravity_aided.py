@@ -14,11 +14,11 @@ import scipy.linalg
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from firmware_model.config.waveforms import MomentSquare
-from gustproof.checker import kernel_norms, levelled_box, levelled_norms
+from gustproof.checker import gravity_aided_box, gravity_aided_norms, kernel_norms
 from gustproof.checker.estimate_box import PEAK_RATE, EstimateCase
 from gustproof.checker.evidence import check_certificate, seal
+from gustproof.checker.gravity_aided_norms import ANGLE, LAG, LEAK, OFFSET, TURN
 from gustproof.checker.kernel_norms import COMMAND, OMEGA, X0
-from gustproof.checker.levelled_norms import ANGLE, LAG, LEAK, OFFSET, TURN
 from gustproof.checker.system import LoopSystem, Refusal, read_system
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import attitude
@@ -51,7 +51,7 @@ def judged(document: dict[str, Any], law: str = LAW_TEXT, vehicle: str = VEHICLE
 
 def test_true_roll_and_pitch_stay_in_a_box_for_ever(certificate):
     assert certificate.proven
-    assert certificate.part == 1.0
+    assert certificate.certified_fraction == 1.0
     assert certificate.estimate_deg == pytest.approx((1.272098, 1.458632, 1.508150), abs=2e-6)
     roll, pitch, heading = certificate.truth_deg
     assert (roll, pitch) == pytest.approx((5.404229, 5.142217), abs=2e-6)
@@ -131,8 +131,8 @@ def test_what_no_sum_by_parts_holds_is_small_in_every_sample(system):
     rng, shares = np.random.default_rng(3), []
     for _ in range(150):
         box, small = some_sample(rng)
-        e = levelled_box.excess([row[X0] for row in box], [row[X0 + 1] for row in box])
-        bounds = levelled_box._small_terms(system, box, levelled_box._bound_motion(system, box, e))
+        e = gravity_aided_box.excess([row[X0] for row in box], [row[X0 + 1] for row in box])
+        bounds = gravity_aided_box._small_terms(system, box, gravity_aided_box._bound_motion(system, box, e))
         shares.append(np.abs(small) / np.array(bounds[:2], dtype=float))
     assert np.max(shares) <= 1.0
     assert np.all(np.max(shares, axis=0) >= 0.7)
@@ -236,15 +236,18 @@ FIGURES = [
 
 def mapped(system: LoopSystem, patch: pytest.MonkeyPatch) -> list[list[float]]:
     """Return what follows of a box of round numbers, of each class of moment, under a coarse tilt."""
-    patch.setattr(levelled_box, "_TILT", Fraction(1, 64))
+    patch.setattr(gravity_aided_box, "_TILT", Fraction(1, 64))
     box = [[Fraction(7 + 5 * i + (3 + i) * k, 4096) for k in range(17)] for i in range(3)]
-    norms, moment = [levelled_norms.levelled_norms(system, axis, 32_768) for axis in range(3)], [Fraction(1, 8)] * 3
+    norms, moment = (
+        [gravity_aided_norms.gravity_aided_norms(system, axis, 32_768) for axis in range(3)],
+        [Fraction(1, 8)] * 3,
+    )
     found = []
     for free, slope in ((False, (0, 0, 0)), (True, (0, 0, 0)), (False, (40, 50, 60))):
         case = EstimateCase(moment, Fraction(0), Fraction(0), free, tuple(map(Fraction, slope)))
-        follows = levelled_box.map_levelled_box(system, norms, case, box)
+        follows = gravity_aided_box.map_gravity_aided_box(system, norms, case, box)
         found += [[float(row[k]) for k in (0, COMMAND, X0, ANGLE, OFFSET, TURN, LAG, PEAK_RATE)] for row in follows]
-    return [*found, [float(angle) for angle in levelled_box.levelled_truth(system, box)]]
+    return [*found, [float(angle) for angle in gravity_aided_box.gravity_aided_truth(system, box)]]
 
 
 def test_every_term_of_the_theorem_stands(system, monkeypatch):
@@ -263,14 +266,14 @@ ROUGH = [
 
 def roughly(system: LoopSystem, patch: pytest.MonkeyPatch) -> list[list[float]]:
     """Return norms from few samples, in blocks, with roundings so coarse that each is felt in each norm."""
-    patch.setattr(levelled_norms, "_BLOCK", 100)
-    patch.setattr(levelled_norms, "_ULP", 2.0**-36)
-    patch.setattr(levelled_norms, "UP", 1.0 + 2.0**-20)
-    patch.setattr(levelled_norms, "_SPARE", 1.0)
+    patch.setattr(gravity_aided_norms, "_BLOCK", 100)
+    patch.setattr(gravity_aided_norms, "_ULP", 2.0**-36)
+    patch.setattr(gravity_aided_norms, "UP", 1.0 + 2.0**-20)
+    patch.setattr(gravity_aided_norms, "_SPARE", 1.0)
     patch.setattr(kernel_norms, "_ULP", 2.0**-36)
     found = []
     for axis in range(3):
-        norms = levelled_norms.levelled_norms.__wrapped__(system, axis, 250)
+        norms = gravity_aided_norms.gravity_aided_norms.__wrapped__(system, axis, 250)
         own = norms.axis
         parts = own.entries[0], own.excess[0], own.gyro[0], norms.sums, norms.changes
         found.append([float(np.sum(np.log(part[part > 0]) * (1 + np.flatnonzero(part)))) for part in parts])
@@ -320,7 +323,7 @@ def modes(system: LoopSystem, axis: int) -> tuple[Numbers, Numbers, Numbers]:
 def test_norms_are_the_sums_over_all_time_and_not_by_far(system, axis):
     """Modes of another loop, summed over ten minutes."""
     Phi, column, offset = modes(system, axis)
-    found = levelled_norms.levelled_norms(system, axis, 32_768)
+    found = gravity_aided_norms.gravity_aided_norms(system, axis, 32_768)
     poles, T = np.linalg.eig(Phi)
     weights = np.linalg.solve(T, column.astype(complex))
     powers = poles[None] ** np.arange(150_000 if axis == 0 else 40_000)[:, None]
@@ -351,27 +354,29 @@ def test_a_loop_without_bound_or_with_modes_that_coincide_is_refused(system, mon
         ({"tilt": None}, "reads no tilt"),
     ):
         with pytest.raises(Refusal, match=words):
-            levelled_norms.levelled_norms(of(**changes), 0, 2048)
+            gravity_aided_norms.gravity_aided_norms(of(**changes), 0, 2048)
     with pytest.raises(Refusal, match="must be 1 to 65536"):
-        levelled_norms.levelled_norms(system, 0, 65_537)
+        gravity_aided_norms.gravity_aided_norms(system, 0, 65_537)
     for whole in (0.401, 0.7, 101.0):  # what a hundred samples and the first add up
-        monkeypatch.setattr(levelled_norms, "unit_roundings", partial(equal_roundings, whole / 101))
+        monkeypatch.setattr(gravity_aided_norms, "unit_roundings", partial(equal_roundings, whole / 101))
         with pytest.raises(Refusal, match="rounding spoils the norms"):
-            levelled_norms.levelled_norms.__wrapped__(system, 0, 100)
+            gravity_aided_norms.gravity_aided_norms.__wrapped__(system, 0, 100)
     monkeypatch.undo()
     for basis in (np.ones((2, 2)), *(np.array([[1.0, 1.0], [1.0, 1.0 + gap]]) for gap in (1e-14, 7e-13))):  # coincide
         monkeypatch.setattr(np.linalg, "eig", lambda _, found=basis: (None, found))
         with pytest.raises(Refusal, match="modes are not separated"):
-            levelled_norms._settle(np.eye(2) / 2, np.ones((2, 1)), np.ones((2, 1)), np.zeros(2))
+            gravity_aided_norms._settle(np.eye(2) / 2, np.ones((2, 1)), np.ones((2, 1)), np.zeros(2))
     monkeypatch.undo()
     monkeypatch.setattr(np.linalg, "inv", lambda _: np.diag([0.9, 0.8]))  # wrong by a fifth, which is added
     monkeypatch.setattr(np.linalg, "eig", lambda _: (None, np.eye(2)))
-    found = levelled_norms._settle(np.array([[0.3, 0.2], [0.0, 0.1]]), np.ones((2, 1)), np.ones((2, 1)), np.zeros(2))
+    found = gravity_aided_norms._settle(
+        np.array([[0.3, 0.2], [0.0, 0.1]]), np.ones((2, 1)), np.ones((2, 1)), np.zeros(2)
+    )
     assert found.sums == pytest.approx(np.array([[1.3608], [0.8576]]) / 0.50024, rel=1e-5)
     monkeypatch.undo()
     for pole in (1.0, 1.5):
         with pytest.raises(Refusal, match="the loop is unstable"):
-            levelled_norms._settle(np.diag([0.5, pole]), np.ones((2, 1)), np.ones((2, 1)), np.zeros(2))
+            gravity_aided_norms._settle(np.diag([0.5, pole]), np.ones((2, 1)), np.ones((2, 1)), np.zeros(2))
 
 
 def test_forms_of_a_law_that_no_proof_is_about_are_refused_by_name():

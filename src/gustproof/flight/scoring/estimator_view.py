@@ -13,7 +13,7 @@ from gustproof.types import Array, Records
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OwnView:
+class EstimatorView:
     """Root mean squares over the three axes, at the times at which the autopilot told its attitude."""
 
     estimate_rmse_deg: float
@@ -30,7 +30,7 @@ class OwnView:
     """[deg] root mean square of estimated minus true roll, pitch, yaw."""
 
 
-def compare_estimates(records: Records, estimates: Records) -> OwnView | None:
+def compare_estimates(records: Records, estimates: Records) -> EstimatorView | None:
     """Return the errors of `estimates` (m,) beside journal `records` (n,); `None` without two of them in the flight."""
     if not len(records):
         return None
@@ -39,15 +39,15 @@ def compare_estimates(records: Records, estimates: Records) -> OwnView | None:
     estimates, rows = estimates[inside], rows[inside]
     if len(rows) < 2:
         return None
-    true, told, wanted = (
+    true, estimated, wanted = (
         euler_angles(q_NB) for q_NB in (records["q_NB"][rows], estimates["q_NB"], estimates["setpoint_q_NB"])
     )
-    estimate, true_control = _differences(told, true), _differences(true, wanted)
+    estimate, true_control = _differences(estimated, true), _differences(true, wanted)
     roll, pitch, yaw = np.degrees(np.sqrt(np.mean(estimate**2, axis=0))).tolist()
-    return OwnView(
+    return EstimatorView(
         estimate_rmse_deg=_rms(estimate),
         estimate_steady_deg=_rms(estimate - estimate.mean(axis=0)),
-        control_rmse_deg=_rms(_differences(told, wanted)),
+        control_rmse_deg=_rms(_differences(estimated, wanted)),
         true_control_rmse_deg=_rms(true_control),
         true_control_steady_deg=_rms(true_control - true_control.mean(axis=0)),
         estimate_axes_deg=(roll, pitch, yaw),
