@@ -135,7 +135,10 @@ def position_hold(
 
 @kernel
 def altitude_hold(params: PositionParams, x: PositionState, body: Body, thrust: float) -> tuple[PositionState, float]:
-    """Return the next state and the thrust [N]: as commanded, or for NaN altitude hold at the height of entry."""
+    """Return the next state and the thrust [N]: the commanded one or, if that is NaN, what holds the height.
+
+    The height is that of the first call with NaN.
+    """
     if not math.isnan(thrust):
         return PositionState(0.0, 0.0, 0.0, math.nan, x.yaw), thrust
     fresh = math.isnan(x.down)

@@ -46,7 +46,7 @@ class TimeWindow:
     """Time window in which a table acts."""
 
     start_s: NonNegative = 0.0
-    """[s] begin."""
+    """[s] start."""
     stop_s: Positive | None = None
     """[s] end; to the end of the flight by default."""
 
@@ -55,3 +55,7 @@ class TimeWindow:
         if self.stop_s is not None and self.stop_s <= self.start_s:
             raise ValueError("stop_s must be later than start_s")
         return self
+
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """Return start and end [s] of what it does in a flight of `duration_s` [s]."""
+        return self.start_s, duration_s if self.stop_s is None else min(self.stop_s, duration_s)

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from firmware_model.config.fields import TimeWindow
 from firmware_model.config.scenario import Scenario
-from firmware_model.config.waveforms import OneMinusCosine, Ramp, Replay, Step
+from firmware_model.config.waveforms import Step
 
 _EVENT_ENDS = ("for_s", "over_s", "recovers_after_s")
 
@@ -15,7 +15,7 @@ class Span(NamedTuple):
     """One thing that happens in a flight."""
 
     from_s: float
-    """[s] begin."""
+    """[s] start."""
     to_s: float
     """[s] end; the start itself for a moment in time."""
     kind: Literal["gust", "moment", "link", "event"]
@@ -40,7 +40,7 @@ def timeline(scenario: Scenario) -> tuple[Span, ...]:
     spans = [
         *_air(scenario, "gust", scenario.wind),
         *_air(scenario, "moment", scenario.moment),
-        *(_window(scenario, "link", fault, f"link {_words(fault.kind)}") for fault in scenario.link),
+        *(Span(*fault.span(scenario.duration_s), "link", f"link {_words(fault.kind)}") for fault in scenario.link),
         *(_event(event, scenario.duration_s) for event in scenario.event),
     ]
     parts = [span for span in spans if span.from_s < scenario.duration_s and not _is_whole(span, scenario)]
@@ -57,7 +57,8 @@ def _air(scenario: Scenario, kind: Literal["gust", "moment"], tables: tuple[Any,
     for table in tables:
         if not isinstance(table, TimeWindow):  # mean wind and continuous turbulence
             continue
-        span = _window(scenario, kind, table, f"{kind} {_words(str(getattr(table, 'kind', '')))}")
+        text = f"{kind} {_words(str(getattr(table, 'kind', '')))}"
+        span = Span(*table.span(scenario.duration_s), kind, text)
         steps = isinstance(table, Step) and table.stop_s is None
         undone = next((i for i, (other, _) in enumerate(last) if steps and _takes_back(table, other)), None)
         if undone is None:
@@ -75,18 +76,6 @@ def _takes_back(table: Any, other: Any) -> bool:
         and table.is_earth_frame == getattr(other, "is_earth_frame", None)
         and all(a == -b for a, b in zip(table.vector, getattr(other, "vector", ()), strict=True))
     )
-
-
-def _window(scenario: Scenario, kind: Literal["gust", "moment", "link"], table: Any, text: str) -> Span:
-    begin, stop = table.start_s, table.stop_s
-    end = scenario.duration_s if stop is None else min(stop, scenario.duration_s)
-    if isinstance(table, Ramp) and stop is None:  # the front
-        end = min(end, begin + table.rise_s)
-    elif isinstance(table, OneMinusCosine):
-        end = min(end, begin + table.length_s)
-    elif isinstance(table, Replay):
-        end = min(end, begin + table.rows[-1][0])
-    return Span(begin, end, kind, text)
 
 
 def _event(event: Any, duration_s: float) -> Span:

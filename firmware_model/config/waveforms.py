@@ -46,19 +46,29 @@ class Step(Tagged):
 
 
 @tagged_dataclass("ramp")
-class Ramp(Tagged):
+class Ramp(Tagged, TimeWindow):
     """Waveform that grows linearly and then stays at full amplitude."""
 
     rise_s: Positive
     """[s] from zero to the peak."""
 
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """Return start and end [s] of the growth, or of all if it stops."""
+        start, end = TimeWindow.span(self, duration_s)
+        return start, end if self.stop_s is not None else min(end, start + self.rise_s)
+
 
 @tagged_dataclass("one_minus_cosine")
-class OneMinusCosine(Tagged):
+class OneMinusCosine(Tagged, TimeWindow):
     """Waveform `amplitude / 2 * (1 - cos(2 pi (t - start) / length))`, zero outside its length."""
 
     length_s: Positive
     """[s] from zero to zero."""
+
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """Return start and end [s]."""
+        start, end = TimeWindow.span(self, duration_s)
+        return start, min(end, start + self.length_s)
 
 
 @tagged_dataclass("sine")
@@ -115,6 +125,11 @@ class Replay(Tagged, TimeWindow):
             if time <= before:
                 raise ValueError(f"rows: times must rise, and {time} s follows {before} s")
         return self
+
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """Return start and end [s]."""
+        start, end = TimeWindow.span(self, duration_s)
+        return start, min(end, start + self.rows[-1][0])
 
 
 @strict_dataclass

@@ -241,10 +241,11 @@ def make_stages(
     add: Callable[[State, State], State],
     scale: Callable[[float, State], State],
 ) -> Callable[[Params, State, tuple[Inputs, ...], float], tuple[tuple[State, ...], State]]:
-    """Return the kernel `stages(params, x, inputs, dt)`, a step of the classical method for the time derivative `rate`.
+    """Return the kernel `stages(params, x, inputs, dt)`: a step of the classical Runge-Kutta method of order 4.
 
-    `inputs` holds those of each of the four stages. `change(h, rate)` returns the change in `h` [s] at a derivative;
-    `add` and `scale` are those of the state. The kernel returns the states of the stages, and that after `dt` [s].
+    `rate` is the time derivative of the state, and `inputs` holds the inputs of each of the four stages.
+    `change(h, derivative)` returns the change of the state in `h` [s]; `add` and `scale` work on states. The kernel
+    returns the states of the stages, and that after `dt` [s].
     """
 
     @kernel

@@ -1,4 +1,4 @@
-"""Predict a box of the true Euler angles that a stated air and gyro noise leave at a stated risk at most.
+"""Predict a box that the true Euler angles leave with at most a stated risk, in stated air and gyro noise.
 
 **Gaussian.** In the linear model of `predict` every signal of a flight from rest is Gaussian with mean 0. Its deviation
 sigma_k at sample k follows from the covariance, step by step, so the start and a gyro's random walk count as they are.

@@ -18,7 +18,7 @@ from gustproof.types import Array
 KICK_RATE = 0.15
 """[rad/s] rate about each axis that the kick of a trial gives the vehicle."""
 KICK_S = (0.2, 0.3)
-"""[s] begin and end of the kick."""
+"""[s] start and end of the kick."""
 DURATION_S = 1.6
 """[s] of a trial."""
 _MOST_DATAGRAMS = 4.0  # per sample
@@ -199,7 +199,7 @@ def _stream(trial: Trial) -> Iterator[_Seen]:
 
 
 def _response(trial: Trial) -> Iterator[_Seen]:
-    """Yield commands whose unit or sign is wrong, by the response to the kick."""
+    """Yield a finding if the commands have a wrong unit or sign, by how the vehicle turns after the scripted kick."""
     witness, seen = trial.witness, trial.witness.seen
     if witness.vehicle.outcome is not VehicleOutcome.DONE or witness.vehicle.counters[RejectReason.NOT_FINITE]:
         return

@@ -78,7 +78,7 @@ class BatchSetup(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Data of each flight; flat arrays consist of rows of `LANES`."""
+    """Data of `LANES` flights side by side; a flat array holds one number of all of them, then the next number."""
 
     params: Array
     """(constants * LANES,) see `sim.layout`, units there."""

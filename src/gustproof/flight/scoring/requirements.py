@@ -84,7 +84,7 @@ _RHO, _DRIFT = map(_METRICS.index, (Metric.RHO, Metric.DRIFT))
 _ROLL, _L, _SLEW_L, _SHARE = (Tally._fields.index(name) for name in ("roll", "L", "slew_L", "share"))
 
 # A reading is a measurement so far: a sum or an extreme; first and last sample that counted, or -1; position at the
-# begin of the window [m] N.
+# start of the window [m] N.
 READING_SIZE = 6
 """Numbers in a reading."""
 _FIRST, _LAST, _ORIGIN = 1, 2, 3

@@ -258,7 +258,7 @@ def _airborne(
 
 
 def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tuple[float, float], ...]:
-    """Return begin and end [s] of the stretches in the air up to `end`, without short ones and short pauses."""
+    """Return start and end [s] of the stretches in the air up to `end`, without short ones and short pauses."""
     flags = np.concatenate(([False], in_air, [False]))
     times = np.append(time, max(end, float(time[-1]) if len(time) else end))
     changes = np.flatnonzero(flags[1:] != flags[:-1])

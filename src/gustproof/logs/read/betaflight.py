@@ -67,7 +67,7 @@ def read_betaflight(path: Path) -> Draft:
 
 
 class _Columns(NamedTuple):
-    """Columns that are used, by their places."""
+    """Columns of a decoded log that are read, by their index in its head."""
 
     total: int
     """Number of all columns."""

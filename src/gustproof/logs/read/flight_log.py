@@ -49,7 +49,7 @@ class FlightLog:
     reference: LogSignal | None = None
     """(n, 3) [rad] commanded Euler angles."""
     airborne: tuple[tuple[float, float], ...] = ()
-    """[s] begin and end of each stretch in the air."""
+    """[s] start and end of each stretch in the air."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the autopilot by name, [in its own units], as logged."""
     findings: tuple[str, ...] = ()

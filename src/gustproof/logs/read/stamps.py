@@ -79,7 +79,7 @@ def _choose_runs(time: Array, steps: Array) -> NDArray[np.int64]:
 
 
 def _most_rising(time: Array) -> NDArray[np.int64]:
-    """Return the places of the longest row of stamps that rise, by patience sorting."""
+    """Return the indices of the longest rising subsequence of stamps, by patience sorting."""
     if np.all(np.diff(time) > 0.0):
         return np.arange(len(time))
     tops, places, below = list[float](), list[int](), list[int]()

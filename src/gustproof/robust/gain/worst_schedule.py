@@ -137,7 +137,8 @@ def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
 def _integrate(generators: Matrix, outputs: Matrix) -> tuple[Matrix, Matrix]:
     """Return exp(G) of each G (k, n, n), and R with R^T R = int_0^1 exp(G t)^T H^T H exp(G t) dt for its H (k, p, n).
 
-    The integral over a part of the step, by Gauss's rule, is doubled until it covers the step: terms of one sign.
+    Gauss's rule gives the integral over a small part of the step, and doubling extends it to the whole. All terms are
+    positive semidefinite, so nothing cancels.
     """
     halvings = max(math.ceil(math.log2(max(float(np.abs(generators).sum(axis=2).max()), 1.0))), 0)
     part = 0.5**halvings

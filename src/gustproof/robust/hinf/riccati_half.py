@@ -20,7 +20,7 @@ _ROUNDING = 1e-14
 
 
 class RiccatiData(NamedTuple):
-    """Data of the control Riccati equation for all levels; the filter's is the same on transposed data."""
+    """Data of the control Riccati equation that no level gamma changes; the filter equation takes transposed data."""
 
     A: Matrix
     """(n, n)."""

@@ -37,7 +37,7 @@ class Branch(NamedTuple):
 
 
 class Function(Protocol):
-    """Function to minimise."""
+    """Largest of some branches, each smooth in the parameters theta (size,); what `minimize` makes small."""
 
     def value(self, theta: Matrix) -> float:
         """Return the value; infinite where it is not defined."""

@@ -77,7 +77,7 @@ STILL = RequestedAir()
 
 
 class FlightStart(NamedTuple):
-    """Begin of a free flight: level, heading north, without velocity, far from the ground."""
+    """Start of a free flight: level, heading north, without velocity, far from the ground."""
 
     rotors: Array
     """(n,) [0..1] commands under which the rotors have settled."""

@@ -77,7 +77,7 @@ def _point(
 
 
 def random_point(start: str, rng: np.random.Generator) -> Point:
-    """Return a random point with the full budget as amplitudes; the search may reduce them."""
+    """Return a random point named `start`, with the whole moment budget about each axis; the search may reduce it."""
     L, M, N = rng.integers(0, 3, size=3).tolist()
     x = rng.random(SIZE)
     x[AMPLITUDES] = 1.0
