@@ -8,7 +8,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains
+from gustproof.cli.laws import PARAMETER_SUFFIXES, is_log, logged_parameters, read_gains
 from gustproof.cli.options import (
     SEED,
     AsJson,
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from gustproof.design.autopilot_gains import AutopilotTuning
     from gustproof.design.tune import Tuning
     from gustproof.law.form import Law
+    from gustproof.logs.identify.shown_vehicle import ShownVehicle
+    from gustproof.logs.read.flight_log import FlightLog
     from gustproof.studies.rate.improvement import Improvement
     from gustproof.studies.rate.judge import Judgement
 
@@ -79,32 +81,26 @@ def judge(
 
         gustproof judge flagship --json
     """
-    from firmware_model.config.scenario import load_scenario
-    from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.show.report.judgement import NONE_BETTER
     from gustproof.studies.rate.advice import autopilot_kind
     from gustproof.studies.rate.judge import Verdict
 
     check_output(output, ".html", "a page")
     budget = None if moment is None else parse_positive_vector("--moment", moment)
-    vehicles, script = load_vehicle_set(vehicle), load_scenario(air)
-    law, step, remarks = read_gains(gains, vehicles.nominal, over)
+    log, vehicles, script, found_in = _choose_vehicle(context, over or gains, quiet=as_json)
+    law, step, remarks = read_gains(gains, vehicles.nominal, over, log)
+    remarks = (*found_in, *remarks)
     is_autopilot = autopilot_kind(law) is not None
     check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
-    _tell_default(context, vehicle, is_autopilot=is_autopilot)
+    _tell_default(context, log, is_autopilot=is_autopilot)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
     in_vain = (NONE_BETTER,) * (search and tuned is None)
     written = [*_save(tuned, vehicles.nominal, better), *filter(None, [output])]
-    if output is not None:
-        from gustproof.show.report.html.judgement_page import write_judgement
-
-        write_judgement(found, improved, (*remarks, *in_vain), output)
-    if as_json:
-        print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
-    else:
-        _print(found, improved, remarks, [*in_vain, *map("{} is written".format, written)])
+    _tell(found, improved, (remarks, in_vain), output, as_json=as_json)
+    if not as_json:
+        print("".join(f"{path} is written\n" for path in written), end="")
         _print_next(context, found, tuned, vehicles.nominal, better)
     if in_vain and better:
         raise ConfigError(f"{NONE_BETTER}: {better} is not written")
@@ -167,9 +163,56 @@ def _flies_its_rotors(vehicle: "Vehicle") -> bool:
     return True
 
 
-def _tell_default(context: typer.Context, vehicle: str, *, is_autopilot: bool) -> None:
+def _choose_vehicle(
+    context: typer.Context, source: str, *, quiet: bool
+) -> "tuple[FlightLog | None, VehicleSet, Scenario, tuple[str, ...]]":
+    """Return the log of the gains, if it shows the vehicle, the vehicle, the air, and a remark on both."""
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+
+    usual = load_scenario(context.params["air"])
+    if is_given(context, "vehicle") or not is_log(source):
+        return None, load_vehicle_set(context.params["vehicle"]), usual, ()
+    log, flown = _show_vehicle(Path(source), quiet=quiet)
+    own = None if is_given(context, "air") else flown.scenario()
+    return log, flown.vehicles(), own or usual, (_describe_flown(flown, own),)
+
+
+def _show_vehicle(path: Path, *, quiet: bool) -> "tuple[FlightLog, ShownVehicle]":
+    """Return a log and the vehicle that it shows.
+
+    Raises
+    ------
+    ConfigError
+        If it shows none.
+    """
+    from gustproof.logs.identify.shown_vehicle import show_vehicle
+    from gustproof.logs.read.read_log import read_log
+
+    with progress(f"reading {path}", quiet=quiet) as shown:
+        log = read_log(path)
+        logged_parameters(path, log)  # refused before the work, not after it
+        try:
+            found = show_vehicle(log, path.stem, progress=lambda share: shown(share, f"identify {path}"))
+        except ConfigError as error:
+            raise ConfigError(f"{error}; or give --vehicle FILE") from None
+    if found.file is None:
+        raise ConfigError(f"{found.refusal}; or give --vehicle FILE")
+    return log, found
+
+
+def _describe_flown(flown: "ShownVehicle", own: "Scenario | None") -> str:
+    air = "in the air that it flew in" if own else "not in its own air"
+    return (
+        f"on the vehicle that {flown.identification.source} shows, {air}; no log shows a mass: torques are those of "
+        "the inertia of iris, and angles, rates and margins do not depend on it"
+    )
+
+
+def _tell_default(context: typer.Context, log: "FlightLog | None", *, is_autopilot: bool) -> None:
     """Say on stderr that gains, which unlike a law do not tell their vehicle, are judged on the default one."""
-    if is_autopilot and not is_given(context, "vehicle"):
+    if is_autopilot and log is None and not is_given(context, "vehicle"):
+        vehicle = context.params["vehicle"]
         print(f"gustproof: no --vehicle given: judged on '{vehicle}'", file=sys.stderr, flush=True)
 
 
@@ -199,12 +242,28 @@ def _judge_both(
         raise ConfigError(f"law '{law.name}' cannot be judged on vehicle '{vehicles.nominal.name}': {error}") from None
 
 
-def _print(found: "Judgement", improved: "Improvement | None", remarks: tuple[str, ...], lines: list[str]) -> None:
+def _tell(
+    found: "Judgement",
+    improved: "Improvement | None",
+    lines: tuple[tuple[str, ...], tuple[str, ...]],
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write the page, if one is asked for, and print the judgement; `lines` are remarks, and a search in vain."""
     from gustproof.show.report.judgement import render_judgement
     from gustproof.show.report.terminal import show
 
+    remarks, in_vain = lines
+    if output is not None:
+        from gustproof.show.report.html.judgement_page import write_judgement
+
+        write_judgement(found, improved, (*remarks, *in_vain), output)
+    if as_json:
+        print_json({**found.to_dict(), "remarks": remarks, "better": None if improved is None else improved.to_dict()})
+        return
     show(render_judgement(found, improved))
-    print("\n".join([*(f"model: {remark}" for remark in remarks), *lines]))
+    print("\n".join([*(f"model: {remark}" for remark in remarks), *in_vain]))
 
 
 def _save(tuned: "AutopilotTuning | Tuning | None", vehicle: "Vehicle", path: Path | None) -> list[Path]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from firmware_model.config.vehicle import Vehicle
     from gustproof.flight.controllers.user_controller import Controller
     from gustproof.law.form import Law
+    from gustproof.logs.read.flight_log import FlightLog
 
 PARAMETER_SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of autopilots' parameter files."""
@@ -159,10 +160,18 @@ def default_law(vehicles: "VehicleSet", script: "Scenario", *, quiet: bool) -> "
     return tuning.law
 
 
-def read_gains(gains: str, vehicle: "Vehicle", over: str | None = None) -> "tuple[Law, float, tuple[str, ...]]":
+def is_log(name_or_path: str) -> bool:
+    """Return whether a name is that of a flight log."""
+    return Path(name_or_path).suffix.lower() in _LOG_SUFFIXES
+
+
+def read_gains(
+    gains: str, vehicle: "Vehicle", over: str | None = None, log: "FlightLog | None" = None
+) -> "tuple[Law, float, tuple[str, ...]]":
     """Return the law of a file's gains, the step of its rotors' thrust [N], and remarks on the model.
 
-    A parameter file is loaded `over` other parameters, those of a log or of a file, as a ground station loads it.
+    A parameter file is loaded `over` other parameters, those of a log or of a file, as a ground station loads it. The
+    `log` is that of the name that is one, if it is read already.
 
     Raises
     ------
@@ -171,29 +180,32 @@ def read_gains(gains: str, vehicle: "Vehicle", over: str | None = None) -> "tupl
     """
     from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
     from gustproof.law.write.matrices import read_law
+    from gustproof.logs.read.read_log import read_log
 
     path = Path(gains)
     if over is not None:
-        return _read_over(path, over, vehicle)
+        return _read_over(path, over, vehicle, log)
     if gains in AUTOPILOTS:
         model = autopilot_law(gains, {}, vehicle)
         return model.law, model.thrust_step, model.remarks
     if path.suffix in _LAW_SUFFIXES:
         return read_law(gains), 0.0, ()
     findings: tuple[str, ...] = ()
-    if path.suffix.lower() in _LOG_SUFFIXES:
-        system, parameters, findings = _read_logged(path)
-        model = autopilot_law(system, parameters, vehicle)
+    if is_log(gains):
+        log = log or read_log(path)
+        findings, model = log.findings, autopilot_law(log.system, logged_parameters(path, log), vehicle)
     else:
         model = read_autopilot_law(path, vehicle)
     return model.law, model.thrust_step, (*model.remarks, *findings)
 
 
-def _read_over(path: Path, over: str, vehicle: "Vehicle") -> "tuple[Law, float, tuple[str, ...]]":
+def _read_over(
+    path: Path, over: str, vehicle: "Vehicle", log: "FlightLog | None"
+) -> "tuple[Law, float, tuple[str, ...]]":
     from gustproof.design.loops.models import read_autopilot_law
     from gustproof.studies.rate.advice import autopilot_kind
 
-    below, _, remarks = read_gains(over, vehicle)
+    below, _, remarks = read_gains(over, vehicle, log=log)
     kind, is_file = autopilot_kind(below), is_parameter_file(str(path))
     model = read_autopilot_law(path, vehicle, over=below.provenance.parameters) if kind and is_file else None
     if model is None or autopilot_kind(model.law) != kind:
@@ -201,12 +213,16 @@ def _read_over(path: Path, over: str, vehicle: "Vehicle") -> "tuple[Law, float, 
     return model.law, model.thrust_step, tuple(dict.fromkeys((*model.remarks, *remarks)))
 
 
-def _read_logged(path: Path) -> "tuple[str, Mapping[str, float], tuple[str, ...]]":
-    """Return the writer of a log, its parameters, and its shortcomings."""
-    from gustproof.design.loops.models import AUTOPILOTS
-    from gustproof.logs.read.read_log import read_log
+def logged_parameters(path: Path, log: "FlightLog") -> "Mapping[str, float]":
+    """Return the parameters of a log.
 
-    log = read_log(path)
+    Raises
+    ------
+    ConfigError
+        If there are none, or no gains that are known.
+    """
+    from gustproof.design.loops.models import AUTOPILOTS
+
     if not log.parameters:
         raise ConfigError(f"{path}: the log has no parameters")
     if log.system in AUTOPILOTS:
@@ -214,4 +230,4 @@ def _read_logged(path: Path) -> "tuple[str, Mapping[str, float], tuple[str, ...]
             AUTOPILOTS[log.system].check_gains(log.parameters)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from None
-    return log.system, log.parameters, log.findings
+    return log.parameters

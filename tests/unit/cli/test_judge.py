@@ -128,7 +128,7 @@ def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_
     monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: SimpleNamespace(**judged))
     law = read_autopilot_law(_tuned(tmp_path), load_vehicle("paper")).law
     judged = {"law": law, "Ms": 1.4, "slew": 12.0, "rmse": 0.002}
-    result = run(str(tmp_path / "flight.ulg"), "--json")
+    result = run(str(tmp_path / "flight.ulg"), "--vehicle", "paper", "--json")
     assert result.exit_code == 1, result.stderr
     told = json.loads(result.stdout)
     assert (told["verdict"], told["better"]["verdict"]) == ("fragile", "sound")
@@ -138,6 +138,53 @@ def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_
     monkeypatch.setattr(read, "read_log", lambda _: replace(log, parameters={}))
     result = run(str(tmp_path / "flight.ulg"))
     assert (result.exit_code, "the log has no parameters" in result.stderr) == (2, True)
+
+
+def flown(gain):
+    """Return the log of doublets by PX4's gains on a vehicle of `gain` [rad/s^2 per unit of command]."""
+    rng, dt, n = np.random.default_rng(2), 0.004, 12000
+    asked = np.radians(10.0) * np.sign(np.sin(np.arange(n)[:, None] * dt * np.array([3.1, 2.3, 1.4])))
+    rate, angle, torque, trim = (np.zeros(3) for _ in range(4))
+    rates, commands = np.empty((n, 3)), np.empty((n, 3))
+    for k in range(n):
+        rates[k] = rate + 0.002 * rng.standard_normal(3)
+        error = 4.0 * (asked[k] - angle) - rates[k]
+        trim = trim + 3.0 / gain * error * dt
+        commands[k] = 8.0 / gain * error + trim
+        torque = torque + dt / 0.03 * (commands[k] - torque)
+        rate = rate + dt * (gain * torque - 0.3 * rate + 0.4 * rng.standard_normal(3))
+        angle = angle + dt * rate
+    time = dt * np.arange(n)
+    return FlightLog(
+        source="flight.ulg", system="px4", gyro=LogSignal(time=time, values=rates),
+        command=LogSignal(time=time, values=commands), airborne=((0.0, n * dt),),
+        parameters={f"MC_{axis}RATE_P": 8.0 / gain for axis in ("ROLL", "PITCH", "YAW")} | {"IMU_GYRO_RATEMAX": 250.0},
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("over", [False, True])
+def test_gains_of_a_log_are_judged_on_the_vehicle_that_it_shows(quick, monkeypatch, tmp_path, over):
+    monkeypatch.setattr(read, "read_log", lambda _: flown(60.0))
+    path, gains = str(tmp_path / "flight.ulg"), tmp_path / "my.params"
+    gains.write_text("MC_ROLLRATE_P 0.1\n")
+    result = run(*((str(gains), "--over", path) if over else (path,)), "--json")
+    told = json.loads(result.stdout)
+    assert told["remarks"][0].startswith("on the vehicle that flight.ulg shows, in the air that it flew in; no log")
+    (judged, *_) = quick
+    assert judged.law.provenance.parameters["MC_ROLLRATE_P"] == pytest.approx(0.1 if over else 8.0 / 60.0)
+    full = np.array(judged.vehicle.torque_limit) / judged.vehicle.inertia_B
+    assert full == pytest.approx([60.0] * 3, rel=0.1)
+    assert judged.vehicle.actuator_lag == pytest.approx(0.03, abs=0.01)
+    assert "no --vehicle given" not in result.stderr
+
+
+def test_a_log_that_shows_no_vehicle_is_refused_with_the_way_out(monkeypatch, tmp_path):
+    log = flown(60.0)
+    monkeypatch.setattr(read, "read_log", lambda _: replace(log, command=None))
+    result = run(str(tmp_path / "flight.ulg"))
+    assert result.exit_code == 2
+    assert result.stderr.endswith("neither torque commands nor motor outputs are logged; or give --vehicle FILE\n")
 
 
 def _tuned(folder: Path) -> Path:

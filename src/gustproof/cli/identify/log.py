@@ -1,5 +1,6 @@
 """The command `gustproof identify log`: vehicle, air and sensors from the log of a flight."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,9 +20,7 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from gustproof.logs.identify.air import IdentifiedAir
-    from gustproof.logs.identify.identification import Identification
-    from gustproof.logs.identify.vehicle_file import Known, VehicleFile
+    from gustproof.logs.identify.shown_vehicle import ShownVehicle
     from gustproof.logs.read.flight_log import FlightLog
 
 _POSITIVE = 1e-6
@@ -67,7 +66,7 @@ def identify(
     An axis that the flight does not excite is named, with the manoeuvre that would. `gustproof fly doublets` flies it.
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.logs.identify.identify_vehicle import identify as identified
+    from gustproof.logs.identify.shown_vehicle import show_vehicle
     from gustproof.logs.identify.vehicle_file import Known
     from gustproof.logs.read.read_log import read_log
 
@@ -86,23 +85,20 @@ def identify(
         load_vehicle(like)  # refused before the work, not after it
     title = f"identify {log}"
     with progress(f"reading {log}", quiet=as_json) as shown:
-        flight = _crop(read_log(log), begin, end)
-        found = identified(flight, progress=lambda share: shown(share, title))
-        vehicle, air, findings = _complete(flight, found, known, outputs)
-        _write(found, vehicle, air, findings, outputs)
+        flight, name = _crop(read_log(log), begin, end), (output or log).stem
+        found = show_vehicle(flight, name, known, progress=lambda share: shown(share, title))
+        _write(flight, found, outputs)
     if as_json:
         from gustproof.show.report.vehicle_numbers import identification_document
 
-        print_json(
-            identification_document(found, air, findings)
-            | {"files": {kind: None if path is None else str(path) for kind, path in outputs.items()}}
-        )
+        files = {kind: None if path is None else str(path) for kind, path in outputs.items()}
+        print_json(identification_document(found) | {"files": files})
         return
     from gustproof.show.report.terminal import show
     from gustproof.show.report.vehicle_numbers import render_identification
 
-    show(render_identification(found, air, findings))
-    _tell_outputs(context, outputs, has_vehicle=vehicle is not None)
+    show(render_identification(found))
+    _tell_outputs(context, outputs, has_vehicle=found.file is not None)
 
 
 def _tell_outputs(context: typer.Context, outputs: _Outputs, *, has_vehicle: bool) -> None:
@@ -129,44 +125,24 @@ def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLo
     return replace(log, airborne=((begin, end),))
 
 
-def _complete(
-    flight: "FlightLog", found: "Identification", known: "Known", outputs: _Outputs
-) -> tuple["VehicleFile | None", "IdentifiedAir | None", tuple[str, ...]]:
-    """Return vehicle and air as far as the log tells them, and all findings; what an output needs must be told."""
-    from gustproof.logs.identify.air import estimate_air
-    from gustproof.logs.identify.vehicle_file import make_vehicle_file
-    from gustproof.show.report.vehicle_numbers import doubts
-
-    name = (outputs["vehicle"] or Path(found.source)).stem
-    vehicle, air, findings = None, None, doubts(found)
-    try:
-        vehicle = make_vehicle_file(name, found, known)
-        air = estimate_air(flight, found, vehicle.vehicle)
-        vehicle = make_vehicle_file(name, found, known, air)
-    except ConfigError as error:
-        if outputs["wind"] or outputs["scenario"] or (outputs["vehicle"] and vehicle is None):
-            raise
-        findings.append(str(error))
-    findings += vehicle.findings if vehicle else ()
-    return vehicle, air, (*findings, *([air.doubt] if air and air.doubt else ()))
-
-
-def _write(
-    found: "Identification",
-    vehicle: "VehicleFile | None",
-    air: "IdentifiedAir | None",
-    findings: tuple[str, ...],
-    outputs: _Outputs,
-) -> None:
+def _write(flight: "FlightLog", found: "ShownVehicle", outputs: _Outputs) -> None:
+    """Write all that is asked for, or nothing if the log does not tell something of it."""
     from firmware_model.config.files import write_text, write_toml
-    from gustproof.logs.identify.air import replay_text, turbulence_scenario
-    from gustproof.show.report.html.identification_page import write_identification_report
+    from gustproof.logs.identify.air import replay_text
+    from gustproof.show.report.html.log_page import write_log_report
+    from gustproof.studies.logged_flight import study_loops, with_vehicle
 
-    if vehicle is not None and (path := outputs["vehicle"]):
-        write_text(path, vehicle.text)
-    if vehicle is not None and air is not None and (path := outputs["wind"]):
-        write_text(path, replay_text(air, vehicle.vehicle))
-    if air is not None and (path := outputs["scenario"]):
-        write_toml(turbulence_scenario(path.stem, air, found), path)
-    if path := outputs["report"]:
-        write_identification_report(found, air, findings, path)
+    file, air, scenario = found.file, found.air, found.scenario()
+    writers: dict[str, Callable[[Path], object]] = {
+        "report": lambda path: write_log_report(with_vehicle(study_loops(flight), found), path)
+    }
+    if file is not None:
+        writers["vehicle"] = lambda path: write_text(path, file.text)
+    if file is not None and air is not None and scenario is not None:
+        writers["wind"] = lambda path: write_text(path, replay_text(air, file.vehicle))
+        writers["scenario"] = lambda path: write_toml(replace(scenario, name=path.stem), path)
+    asked = {kind: path for kind, path in outputs.items() if path}
+    if not asked.keys() <= writers.keys():
+        raise ConfigError(found.refusal)
+    for kind, path in asked.items():
+        writers[kind](path)

@@ -80,7 +80,7 @@ class IdentifiedAir:
 
     @property
     def doubt(self) -> str:
-        """Line that says if the disturbance is unlike turbulence in the mean wind, else empty."""
+        """VibrationLine that says if the disturbance is unlike turbulence in the mean wind, else empty."""
         if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
             return ""
         return (

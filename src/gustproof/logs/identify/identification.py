@@ -11,6 +11,9 @@ from typing import NamedTuple
 from gustproof.logs.read.flight_log import CommandUnit
 from gustproof.types import Array
 
+AXES = ("roll", "pitch", "yaw")
+"""Names of the axes."""
+
 
 class Interval(NamedTuple):
     """Estimate with a 95 % confidence interval."""
@@ -35,7 +38,7 @@ class AxisEstimate:
     disturbance_corner: float
     """[rad/s] frequency at which the disturbance's spectrum falls to a half."""
     held_out_r2: float | None
-    """[-] share of the angular acceleration's variance in the last third that the model of the rest predicts."""
+    """[-] share of the angular acceleration's variance in every third piece that a fit to the others predicts."""
     advice: str = ""
     """Reason why the axis is not identified, and the manoeuvre that would excite it; empty if it is."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from firmware_model.errors import ConfigError
 from gustproof.logs.identify.bootstrap import bootstrap, interval, widen
 from gustproof.logs.identify.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
-from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
+from gustproof.logs.identify.identification import AXES, AxisEstimate, Identification, Interval
 from gustproof.logs.identify.likelihood import (
     DAMPING,
     DELAY,
@@ -40,7 +40,6 @@ from gustproof.logs.identify.stretches import (
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.types import Array
 
-_AXES = ("roll", "pitch", "yaw")
 _ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
@@ -141,7 +140,8 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     ConfigError
         If the log has no commands, or is too short in the air.
     """
-    slow, filled = describe_slow_log(log, _find_command(log)[0]), fill_command(log)
+    slow = describe_slow_log(log, {"gyro": log.gyro, "command": _find_command(log)[0]})
+    filled = fill_command(log)
     sampled = 0.0 if filled is None or log.command is None else sample_time(log.command)
     return _identify(filled or log, progress or (lambda _: None), slow=slow, sampled=sampled)
 
@@ -189,7 +189,7 @@ def _thin(log: FlightLog, spacing: float) -> FlightLog:
 
 def _find_coloured_axes(axes: list[_Axis]) -> list[str]:
     """Return the axes of the gyro whose noise is not white."""
-    return [_AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
+    return [AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
 
 
 def _find_command(log: FlightLog) -> tuple[LogSignal, bool]:
@@ -353,7 +353,7 @@ def _estimate(axis: _Axis, dt: float, slow: str) -> AxisEstimate:
 
 def _advise(axis: _Axis) -> str:
     """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
-    name, gain = _AXES[axis.data.axis], axis.wide_gain
+    name, gain = AXES[axis.data.axis], axis.wide_gain
     manoeuvre = (
         f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque "
         "command at 250 Hz"
@@ -392,7 +392,7 @@ def _motor_gains(axes: list[_Axis]) -> tuple[Array | None, Array | None]:
 
 def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
     """Return the doubts about the results, a line each; `told` are the axes that are identified."""
-    doubts = [_AXES[axis.data.axis] + " is not identified" for axis in axes if axis.gain is None]
+    doubts = [AXES[axis.data.axis] + " is not identified" for axis in axes if axis.gain is None]
     lags = [float(axis.theta[LAG]) for axis in told]
     if lags and lags[-1] != lags[0]:
         doubts.append(

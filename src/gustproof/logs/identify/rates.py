@@ -1,5 +1,7 @@
 """Say that a log is too slow to identify a vehicle from, and which settings of the autopilot cure it."""
 
+from collections.abc import Mapping
+
 from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 
@@ -11,10 +13,10 @@ _CURES = {
 }
 
 
-def describe_slow_log(log: FlightLog, command: LogSignal) -> str:
-    """Return that gyro or `command` are logged too slowly, with their rates and the cure; empty if they are not."""
-    rates = {"gyro": 1.0 / sample_time(log.gyro), "command": 1.0 / sample_time(command)}
-    if min(rates.values()) >= _SLOW:
+def describe_slow_log(log: FlightLog, signals: Mapping[str, LogSignal], least: float = _SLOW) -> str:
+    """Return that some of the `signals`, by name, are logged below `least` [Hz], with rates and cure; else nothing."""
+    rates = {name: 1.0 / sample_time(signal) for name, signal in signals.items()}
+    if min(rates.values()) >= least:
         return ""
     logged = " and ".join(f"{name} at {rate:.3g} Hz" for name, rate in rates.items())
     cure = _CURES.get(log.system, "take the autopilot's own log, at 250 Hz")

@@ -21,7 +21,7 @@ from firmware_model.config.vehicle import FullScale, Vehicle, load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.logs.identify.air import IdentifiedAir
-from gustproof.logs.identify.identification import Identification, Interval
+from gustproof.logs.identify.identification import AXES, Identification, Interval
 from gustproof.logs.read.flight_log import CommandUnit
 from gustproof.version import __version__
 
@@ -30,7 +30,6 @@ _ASSUMED_SPREAD = 0.3
 _DELAY_TOLD = 0.002  # [s]
 _NARROWEST = 1e-3  # of a spread, beside its number
 _ROUNDED = 1e-5  # of a number that is written with six digits
-_AXES = ("roll", "pitch", "yaw")
 _COMMAND_ORIGINS = {
     FullScale.MEASURED: "measured: 1.0 of the autopilot's command gives torque_limit, whatever the rotors say",
     FullScale.ROTORS: "1.0 of an autopilot's command gives what the rotors say",
@@ -245,7 +244,7 @@ def _add_inertia(draft: _Draft, found: Identification, known: Known) -> None:
             f"the log's commands have no unit: torque over inertia is measured, and inertia_B is {origin}"
         )
         origin += "; spread of the measured gain"
-    missing = [axis for axis, gain in zip(_AXES, gains, strict=True) if gain is None]
+    missing = [axis for axis, gain in zip(AXES, gains, strict=True) if gain is None]
     if missing:
         origin += f"; {' and '.join(missing)} assumed, 30 % either way"
     spreads = [_inertia_spread(row, gain) for row, gain in zip(nominal, gains, strict=True)]
@@ -278,7 +277,7 @@ def _add_command(draft: _Draft, found: Identification, known: Known) -> None:
     command: dict[str, Any] = {"autopilot": found.system, "full_scale": scale.value, "delay": _delay(found)}
     if found.thrust_range != 1.0:
         command["thrust_range"] = found.thrust_range
-    unmeasured = [axis for axis, estimate in zip(_AXES, found.axes, strict=True) if estimate.gain is None]
+    unmeasured = [axis for axis, estimate in zip(AXES, found.axes, strict=True) if estimate.gain is None]
     if unmeasured:
         command["unmeasured"] = unmeasured
     draft.set("command", command, _COMMAND_ORIGINS[scale])
@@ -316,7 +315,7 @@ def _fit_body(rows: list[Interval], draft: _Draft) -> list[Interval]:
         least = max(one.low - other.high, other.low - one.high)
         if row.nominal > most:
             draft.findings.append(
-                f"measured inertia about {_AXES[k]} {row.nominal:.4g} is more than the sum of the other two, which no "
+                f"measured inertia about {AXES[k]} {row.nominal:.4g} is more than the sum of the other two, which no "
                 f"body has: {most:.4g} is written"
             )
         nominal = min(row.nominal, most)

@@ -11,9 +11,12 @@ from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
 from gustproof.types import Array
 
-SIGNALS = ("gyro", "command", "motors", "accelerometer", "attitude", "reference")
+SIGNALS = ("gyro", "command", "motors", "accelerometer", "attitude", "reference", "rate_reference")
 """Signals of a `FlightLog`, by name."""
-_LARGEST = {"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.0, "attitude": 10.0, "reference": 10.0}
+_LARGEST = {
+    **{"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.0},
+    **{"attitude": 10.0, "reference": 10.0, "rate_reference": 100.0},
+}
 """In the signal's unit; no instrument or set-point of a vehicle that flies is beyond it."""
 _STRAYED_US = 1e6  # of a stamp from those of the gyro beside it in the file: loggers buffer less
 _PIECE = 16  # samples before or after the longest piece; fewer are wrong stamps
@@ -38,6 +41,8 @@ class Rows:
     """(n,) [us] stamps on the clock of the log."""
     values: Array
     """(n, k) in the unit of the signal in `FlightLog`."""
+    is_raw: bool = False
+    """True for a gyro that is known to be unfiltered."""
 
     def has_times(self) -> bool:
         """Return whether any sample has a stamp."""
@@ -47,7 +52,7 @@ class Rows:
         """Return the m of n samples for which the mask `which` (n,) is true."""
         if which.all():
             return self
-        return Rows(position=self.position[which], time_us=self.time_us[which], values=self.values[which])
+        return replace(self, position=self.position[which], time_us=self.time_us[which], values=self.values[which])
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -128,6 +133,7 @@ def assemble(draft: Draft) -> FlightLog:
         source=draft.source,
         system=draft.system,
         command_unit=draft.command_unit,
+        is_gyro_raw=gyro.is_raw,
         airborne=_airborne(states, signals, start_us, findings),
         parameters=draft.parameters,
         findings=tuple(findings),
@@ -211,7 +217,7 @@ def _on_clock(rows: Rows, gyro: Rows) -> Rows:
 
 def _shortcomings(signals: dict[str, LogSignal]) -> list[str]:
     """Return what the signals lack, a line each."""
-    lines = [f"{name}: none in this log" for name in SIGNALS if name not in signals]
+    lines = [f"{name}: none in this log" for name in SIGNALS[:-1] if name not in signals]
     for name, signal in signals.items():
         steps = np.diff(signal.time)
         step = float(np.median(steps))

@@ -11,6 +11,7 @@ Betaflight, `blackbox.c`, `pid.c`, `mixer.c` of 4.5; blackbox-tools, `blackbox_d
 
 import math
 import re
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -29,6 +30,7 @@ _TURNED = np.array([1.0, -1.0, -1.0])
 _UNITS = {"": math.pi / 180.0, "_deg_s": math.pi / 180.0, "_rad_s": 1.0}
 _GYROS = ("gyrounfilt", "gyroadc")  # the one that is filtered less is first
 _TERMS = [[f"axis{term}_{axis}" for term in "pidf"] for axis in range(3)]
+_RATE_REFERENCE = [f"setpoint_{axis}" for axis in range(3)]  # deg/s, as the gyro
 _MOTOR = re.compile(r"motor_\d")
 _FULL_SCALE = 1000.0
 _MOST_HEADERS = 1000  # lines of the Explorer before the names
@@ -54,13 +56,16 @@ def read_betaflight(path: Path) -> Draft:
         return Rows(position=position, time_us=time_us, values=values)
 
     draft = Draft(source=path.name, system="betaflight", rows={}, findings=findings)
-    draft.rows["gyro"] = rows(numbers[:, 1:4] * columns.scale * _TURNED)
+    draft.rows["gyro"] = replace(rows(numbers[:, 1:4] * columns.scale * _TURNED), is_raw=columns.is_raw)
     places = np.cumsum([4, *(len(row) for row in columns.terms)])
     if all(columns.terms):
         sums = [numbers[:, begin:end].sum(axis=1) for begin, end in pairwise(places)]
         draft.rows["command"] = rows(np.column_stack(sums) / _FULL_SCALE * _TURNED)
+    motors = places[-1] + len(columns.motors)
     if columns.motors:
-        draft.rows["motors"] = rows(output_commands(numbers[:, places[-1] :]))
+        draft.rows["motors"] = rows(output_commands(numbers[:, places[-1] : motors]))
+    if columns.reference:
+        draft.rows["rate_reference"] = rows(np.radians(numbers[:, motors:]) * _TURNED)
     draft.findings.append("axes: Betaflight's pitch and yaw are turned, to front, right and down")
     draft.findings += ["gyro: no unit in the file, taken for deg/s"] * columns.guessed
     return draft
@@ -77,6 +82,10 @@ class _Columns(NamedTuple):
     """Terms of each axis."""
     motors: list[int]
     """Motors."""
+    reference: list[int]
+    """Rates commanded to roll, pitch and yaw; empty if they are not there."""
+    is_raw: bool
+    """True if the gyro is not filtered."""
     scale: float
     """[rad/s] of a step of the gyro's numbers."""
     guessed: bool
@@ -85,7 +94,7 @@ class _Columns(NamedTuple):
     @property
     def used(self) -> list[int]:
         """All of them, in this order."""
-        return [*self.first, *(place for row in self.terms for place in row), *self.motors]
+        return [*self.first, *(place for row in self.terms for place in row), *self.motors, *self.reference]
 
 
 def _skip_headers(file: IO[bytes]) -> list[str]:
@@ -102,11 +111,14 @@ def _choose(names: list[str]) -> _Columns:
     wanted = ["time_us" if "time_us" in known else "time", *(f"{gyro}_{axis}{unit}" for axis in range(3))]
     if lacks := [name for name in wanted if name not in known]:
         raise ValueError(f"a blackbox of Betaflight without the column {lacks[0]}")
+    reference = [known[name] for name in _RATE_REFERENCE if name in known]
     return _Columns(
         total=len(names),
         first=[known[name] for name in wanted],
         terms=[[known[name] for name in row if name in known] for row in _TERMS],
         motors=[known[name] for name in filter(_MOTOR.fullmatch, names)],
+        reference=reference * (len(reference) == len(_RATE_REFERENCE)),
+        is_raw=gyro == _GYROS[0],
         scale=_UNITS[unit],
         guessed=not unit,
     )

@@ -78,6 +78,7 @@ _SIGNALS = {
     "accelerometer": (_Source("IMU", ("AccX", "AccY", "AccZ")),),
     "attitude": (_Source("ATT", ("Roll", "Pitch", "Yaw"), _DEGREE),),
     "reference": (_Source("ATT", ("DesRoll", "DesPitch", "DesYaw"), _DEGREE),),
+    "rate_reference": (_Source("RATE", ("RDes", "PDes", "YDes"), _DEGREE),),
 }
 """Sources of each signal, the best first."""
 _KEPT = {source.message for sources in _SIGNALS.values() for source in sources} | {"RCOU", "EV", "PARM", "ISBH"}
@@ -141,7 +142,8 @@ class _Parser:
         if len(table) == 0 or not {*source.columns} <= {*(table.dtype.names or ())}:
             return None
         values = np.column_stack([self._numbers(source.message, table, column) for column in source.columns])
-        return Rows(position=places, time_us=_stamps(table), values=values * source.scale)
+        is_raw = source.message == "GYR"
+        return Rows(position=places, time_us=_stamps(table), values=values * source.scale, is_raw=is_raw)
 
     def _numbers(self, name: str, table: NDArray[np.void], column: str) -> Array:
         layout, letters = self.layouts[name]

@@ -48,6 +48,10 @@ class FlightLog:
     """(n, 3) [rad] Euler angles phi, theta, psi as the autopilot estimates them."""
     reference: LogSignal | None = None
     """(n, 3) [rad] commanded Euler angles."""
+    rate_reference: LogSignal | None = None
+    """(n, 3) [rad/s] B, rates commanded to the rate loops."""
+    is_gyro_raw: bool = False
+    """True if the gyro is known to be logged before the autopilot's filters."""
     airborne: tuple[tuple[float, float], ...] = ()
     """[s] start and end of each stretch in the air."""
     parameters: Mapping[str, float] = field(default_factory=dict)

@@ -30,7 +30,10 @@ def read_own_bag(path: Path) -> Draft:
     position = np.arange(len(records))
     time_us = records["time_us"].astype(np.float64)
     fields = {"gyro": "gyro_B", "command": "torque_command_B", "accelerometer": "specific_force_B"}
-    rows = {name: Rows(position=position, time_us=time_us, values=records[field]) for name, field in fields.items()}
+    rows = {
+        name: Rows(position=position, time_us=time_us, values=records[field], is_raw=name == "gyro")
+        for name, field in fields.items()
+    }
     estimates = read_estimate_topics(bag)
     # Places between those of the samples, by time: both streams are of one clock that never resets.
     place = np.searchsorted(time_us, estimates["time_us"])

@@ -15,6 +15,7 @@ PX4, *ULog File Format*, https://docs.px4.io/main/en/dev_log/ulog_file_format.ht
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -186,6 +187,8 @@ class _Source(NamedTuple):
     """Values of the signal, of the numbers of all fields."""
     stamp: str = _SAMPLE
     """Field of its time, if it is logged and not 0; else `timestamp`."""
+    is_raw: bool = False
+    """True for a gyro before the autopilot's filters."""
 
     def rows(self, parser: _Parser) -> Rows | None:
         """Return the samples of the signal; `None` if they are not logged."""
@@ -193,7 +196,8 @@ class _Source(NamedTuple):
             return None
         places, table = found
         numbers = np.concatenate([table[field] for field in self.fields], axis=1).astype(np.float64)
-        return Rows(position=places, time_us=_stamps(table, self.stamp), values=self.convert(numbers))
+        values = self.convert(numbers)
+        return Rows(position=places, time_us=_stamps(table, self.stamp), values=values, is_raw=self.is_raw)
 
 
 def _stamps(table: NDArray[np.void], field: str) -> Array:
@@ -217,9 +221,9 @@ def _motors(control: Array) -> Array:
 _GYRO_FIFO = ("dt", "scale", "samples", "x", "y", "z")
 _SIGNALS = {
     "gyro": (
-        _Source("sensor_combined", ("gyro_rad",)),
+        _Source("sensor_combined", ("gyro_rad",), is_raw=True),
         _Source("vehicle_angular_velocity", ("xyz",)),
-        _Source("sensor_gyro", ("x", "y", "z")),
+        _Source("sensor_gyro", ("x", "y", "z"), is_raw=True),
     ),
     "command": (
         _Source("vehicle_torque_setpoint", ("xyz",), stamp=_MESSAGE),
@@ -235,6 +239,7 @@ _SIGNALS = {
     ),
     "attitude": (_Source("vehicle_attitude", ("q",), euler_angles),),
     "reference": (_Source("vehicle_attitude_setpoint", ("q_d",), euler_angles, stamp=_MESSAGE),),
+    "rate_reference": (_Source("vehicle_rates_setpoint", ("roll", "pitch", "yaw"), stamp=_MESSAGE),),
 }
 """Sources of each signal, the best first."""
 _LANDED = _Source("vehicle_land_detected", ("landed",), lambda landed: 1.0 - landed)
@@ -291,7 +296,7 @@ def _centre_gyro(parser: _Parser, found: list[Rows]) -> list[Rows]:
         return found
     combined, *others = found
     middle = combined.time_us - 0.5 * table[1]["gyro_integral_dt"][:, 0]
-    return [Rows(position=combined.position, time_us=middle, values=combined.values), *others]
+    return [replace(combined, time_us=middle), *others]
 
 
 def _fifo(parser: _Parser) -> Iterator[Rows]:
@@ -307,7 +312,7 @@ def _fifo(parser: _Parser) -> Iterator[Rows]:
     age = (count[:, np.newaxis] - 1 - np.arange(most)) * table["dt"].astype(np.float64)
     values = np.stack([table[axis] * table["scale"].astype(np.float64) for axis in "xyz"], axis=-1)
     time_us = _stamps(table, _SAMPLE)[:, np.newaxis] - age
-    yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken])
+    yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken], is_raw=True)
 
 
 def _findings(parser: _Parser, left: int) -> Iterator[str]:

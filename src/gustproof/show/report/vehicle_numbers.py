@@ -1,6 +1,6 @@
 """Results of an identification as text and as a document of JSON."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 from rich.console import Group
@@ -8,16 +8,14 @@ from rich.table import Table
 from rich.text import Text
 
 from gustproof.logs.identify.air import IdentifiedAir
-from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
+from gustproof.logs.identify.identification import AXES, AxisEstimate, Interval
+from gustproof.logs.identify.shown_vehicle import ShownVehicle
 from gustproof.show.report.terminal import Renderable
 
-AXES = ("roll", "pitch", "yaw")
 
-
-def identification_document(
-    found: Identification, air: IdentifiedAir | None, findings: tuple[str, ...]
-) -> dict[str, Any]:
+def identification_document(shown: ShownVehicle) -> dict[str, Any]:
     """Return the numbers as JSON values, with units in their keys; `None` for those that the log does not tell."""
+    found, air = shown.identification, shown.air
 
     def by_axis(value: Any) -> dict[str, Any]:
         return {name: value(axis) for name, axis in zip(AXES, found.axes, strict=True)}
@@ -40,7 +38,7 @@ def identification_document(
             "dryden": None if air is None else _dryden_document(air),
         },
         "advice": {name: axis.advice for name, axis in zip(AXES, found.axes, strict=True) if axis.advice},
-        "findings": list(findings),
+        "findings": list(shown.findings),
     }
 
 
@@ -57,14 +55,9 @@ def _interval(interval: Interval | None) -> dict[str, float] | None:
     return None if interval is None else {name: float(value) for name, value in interval._asdict().items()}
 
 
-def doubts(found: Identification) -> list[str]:
-    """Return the findings, and the manoeuvre for each axis that is not identified."""
-    advice = [axis.advice for axis in found.axes if axis.advice]
-    return [*(line for line in found.findings if not any(each.startswith(line) for each in advice)), *advice]
-
-
-def number_rows(found: Identification, air: IdentifiedAir | None) -> list[tuple[str, ...]]:
+def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
     """Return quantity with unit, and its texts for roll, pitch and yaw; those of the whole vehicle have one text."""
+    found, air = shown.identification, shown.air
     torque = found.command_unit.value
 
     def by_axis(label: str, cell: Callable[[AxisEstimate], str]) -> tuple[str, ...]:
@@ -97,12 +90,12 @@ def number_rows(found: Identification, air: IdentifiedAir | None) -> list[tuple[
     return rows
 
 
-def render_identification(found: Identification, air: IdentifiedAir | None, findings: Iterable[str]) -> Renderable:
+def render_identification(shown: ShownVehicle) -> Renderable:
     """Return the numbers as a table, with 95 % intervals, and findings as warnings."""
-    table = Table("95 % intervals in brackets", *AXES, title=f"Vehicle of {found.source}")
-    for row in number_rows(found, air):
+    table = Table("95 % intervals in brackets", *AXES, title=f"Vehicle of {shown.identification.source}")
+    for row in number_rows(shown):
         table.add_row(*row)
-    return Group(table, *(Text(f"warning: {line}", style="yellow") for line in findings))
+    return Group(table, *(Text(f"warning: {line}", style="yellow") for line in shown.findings))
 
 
 def _format_interval(interval: Interval | None, scale: float = 1.0) -> str:

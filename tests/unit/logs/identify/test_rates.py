@@ -32,7 +32,7 @@ def slow_log(gyro_hz: float, command_hz: float, system: str) -> FlightLog:
 def test_a_slow_log_is_refused_for_its_rate(rates: tuple[float, float], system: str, cure: str) -> None:
     log = slow_log(*rates, system)
     assert log.command is not None
-    told = describe_slow_log(log, log.command)
+    told = describe_slow_log(log, {"gyro": log.gyro, "command": log.command})
     assert told.startswith("the log is too slow, ")
     assert cure in told
     if max(rates) < 10.0:
@@ -44,4 +44,4 @@ def test_a_slow_log_is_refused_for_its_rate(rates: tuple[float, float], system: 
 def test_a_log_of_the_default_profile_is_not_slow() -> None:
     log = slow_log(200.0, 50.0, "px4")
     assert log.command is not None
-    assert describe_slow_log(log, log.command) == ""
+    assert describe_slow_log(log, {"gyro": log.gyro, "command": log.command}) == ""

@@ -56,7 +56,7 @@ function axisOf(label, k, side) {
 
 // k scales everything, for a picture of higher resolution.
 function optionsOf(chart, width, height, k = 1) {
-  const [distrX, distrY] = { time: [1, 1], frequency: [3, 3], semilog: [3, 1], decibel: [3, 1], plane: [4, 4] }[chart.kind];
+  const [distrX, distrY] = { time: [1, 1], linear: [1, 1], frequency: [3, 3], semilog: [3, 1], decibel: [3, 1], plane: [4, 4] }[chart.kind];
   const valuesOf = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
   const range = rangesOf(chart), splitsOf = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
   return {
@@ -75,7 +75,7 @@ function optionsOf(chart, width, height, k = 1) {
 
 // Frequency charts show six decades at most. Poles keep clear of the edges. A flat curve gets an axis of height 2.
 function rangesOf(chart) {
-  if (chart.kind === "time" || chart.kind === "semilog") {
+  if (["time", "linear", "semilog"].includes(chart.kind)) {
     return { y: { range: (plot, low, high) => {
       if (charts.alike && chart.group) [low, high] = rangeOfRow(plot, chart, low, high);
       return low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true);

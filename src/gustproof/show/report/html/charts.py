@@ -28,6 +28,7 @@ class ChartKind(Enum):
     FREQUENCY = "frequency"  # both logarithmic
     DECIBEL = "decibel"  # frequency, logarithmic, and a gain in dB, 90 dB at most
     SEMILOG = "semilog"  # frequency, logarithmic, and a value
+    LINEAR = "linear"  # two values
     PLANE = "plane"  # the complex plane, both axes logarithmic away from 0; points without lines
 
 

@@ -54,16 +54,17 @@ def write_judgement(found: Judgement, better: Improvement | None, remarks: tuple
 def render_judgement_page(found: Judgement, better: Improvement | None, remarks: tuple[str, ...]) -> str:
     """Return the page as HTML."""
     improved = None if better is None else better.better
-    loops = [_loop_charts(each) for each in (found, improved) if each is not None]
+    loops = [loop_charts(each) for each in (found, improved) if each is not None]
     return render_page(
         tuple(_flights(found, improved)),
         title=f"{found.law.name} on '{found.vehicle.name}'",
-        intro=_render_verdict(found, better, remarks),
+        intro=render_verdict(found, better, remarks),
         loops=[group for groups in loops for group in groups],
     )
 
 
-def _render_verdict(found: Judgement, better: Improvement | None, remarks: tuple[str, ...]) -> str:
+def render_verdict(found: Judgement, better: Improvement | None, remarks: tuple[str, ...]) -> str:
+    """Return the section of the verdict as HTML, with better gains if there are any."""
     mark = "good" if found.verdict is Verdict.SOUND else "bad"
     parts = [f'<h2 class="{mark}">{escape(title(found))}</h2>', _render_headline(found, better)]
     parts.append(_render_list(found.reasons))
@@ -127,7 +128,7 @@ def _render_list(lines: tuple[str, ...] | list[str]) -> str:
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
 
 
-def _loop_charts(found: Judgement) -> Iterator[ChartGroup]:
+def loop_charts(found: Judgement) -> Iterator[ChartGroup]:
     """Yield Bode plot and sensitivity of each axis: the nominal vehicle and the corners of the spreads, with limits."""
     box, vehicle = found.box, found.vehicle
     corners = [

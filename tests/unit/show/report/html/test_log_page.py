@@ -9,8 +9,11 @@ import pytest
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.logs.identify.air import IdentifiedAir
-from gustproof.show.report.html.identification_page import render_identification_page
+from gustproof.logs.identify.shown_vehicle import ShownVehicle
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.show.report.html.log_page import render_log_page
 from gustproof.show.report.vehicle_numbers import identification_document
+from gustproof.studies.logged_flight import LoggedFlight
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -32,6 +35,17 @@ def air():
     )  # fmt: skip
 
 
+def shown(found, air, *findings):
+    return ShownVehicle(identification=found, file=None, air=air, refusal="", findings=findings)
+
+
+def page_of(found, air, *findings):
+    time = np.arange(0.0, float(found.time[-1]), 0.02)
+    gyro = LogSignal(time=time, values=np.sin(time[:, None] + np.arange(3.0)))
+    log = FlightLog(source=found.source, system="csv", gyro=gyro, airborne=((0.0, float(time[-1])),))
+    return render_log_page(LoggedFlight(log=log, shown=shown(found, air, *findings), no_judgement=found.source))
+
+
 def script(page, name):
     (text,) = re.findall(rf'<script type="[^"]*" id="{name}">(.*?)</script>', page, flags=re.DOTALL)
     return text
@@ -50,7 +64,7 @@ def curves(page, section, title):
 
 
 def test_the_page_shows_data_and_model(found, air):
-    page = render_identification_page(found, air, ())
+    page = page_of(found, air)
     for k, chart in enumerate(curves(page, "response", "Angular acceleration per command")):
         assert chart["measured"] == pytest.approx(np.abs(found.response[k]), rel=1e-6)
         assert chart["model"] == pytest.approx(np.abs(found.model[k]), rel=1e-6)
@@ -59,25 +73,22 @@ def test_the_page_shows_data_and_model(found, air):
         assert chart["Dryden turbulence"] == pytest.approx(air.fitted[k], rel=1e-6)
 
 
-def test_the_prediction_is_shown_where_the_model_did_not_see_the_flight(found, air):
-    page = render_identification_page(found, air, ())
-    begin, end = json.loads(script(page, "page-data"))["span"]
-    assert begin == pytest.approx(found.time[-1] * 2.0 / 3.0, abs=0.01)
-    assert end == found.time[-1]
-    held_out = found.time >= begin
-    for k, chart in enumerate(curves(page, "prediction", "Angular acceleration, held-out third")):
-        assert chart["measured"] == pytest.approx(found.acceleration[held_out, k], abs=1e-6)
+def test_the_prediction_is_shown_for_the_whole_flight(found, air):
+    page = page_of(found, air)
+    assert json.loads(script(page, "page-data"))["span"] == pytest.approx([0.0, found.time[-1]], abs=0.1)
+    for k, chart in enumerate(curves(page, "prediction", "Angular acceleration")):
+        assert chart["measured"] == pytest.approx(found.acceleration[:, k], abs=1e-6)
     assert len(curves(page, "prediction", "Residual")) == 3
 
 
 def test_an_axis_that_is_not_identified_is_left_out(found, air):
     lost = replace(found.axes[2], gain=None, damping=None, held_out_r2=None, advice="yaw is not excited: fly a chirp")
     partial = replace(found, axes=(*found.axes[:2], lost))
-    page = render_identification_page(partial, air, (lost.advice,))
+    page = page_of(partial, air, lost.advice)
     assert len(curves(page, "prediction", "Residual")) == 2
     assert len(curves(page, "response", "Its phase")) == 2
     assert "fly a chirp" in page
-    document = identification_document(partial, None, (lost.advice,))
+    document = identification_document(shown(partial, None, lost.advice))
     assert document["held_out_r2"] == {"roll": 0.9, "pitch": 0.9, "yaw": None}
     assert document["gain_rad_s2_per_unit"]["yaw"] is None
     assert document["disturbance"]["dryden"] is None
@@ -86,10 +97,10 @@ def test_an_axis_that_is_not_identified_is_left_out(found, air):
 
 def test_words_of_a_file_are_words_on_the_page(found, air):
     hostile = "</script><script>alert('1 & 2')</script>{{table}}"
-    page = render_identification_page(replace(found, source=hostile), air, (hostile,))
+    page = page_of(replace(found, source=hostile), air, hostile)
     assert "<script>alert" not in page
     assert page.count("&lt;/script&gt;") >= 2
 
 
 def test_the_same_identification_gives_the_same_bytes(found, air):
-    assert render_identification_page(found, air, ()) == render_identification_page(found, air, ())
+    assert page_of(found, air) == page_of(found, air)

@@ -8,8 +8,9 @@ const ready = (async () => {
   for (const [name, groups] of Object.entries(page.sections)) {
     const section = document.getElementById(name);
     for (const group of groups) addGroup(section, group);
-    if (!groups.length) section.hidden = true;
+    if (section.children.length < 2) section.hidden = true;
   }
+  for (const link of document.querySelectorAll("nav a")) link.hidden = document.querySelector(link.hash)?.hidden ?? true;
   zoom(charts.start, charts.end);
   markTime(NaN);  // nothing is replayed
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.drawn.forEach(({ plot }) => plot.redraw(false)));
