@@ -37,6 +37,16 @@ def test_a_law_keeps_its_frequency_response_below_the_sample_rate(name):
     assert np.max(np.abs(moved - own) / np.max(np.abs(own), axis=(1, 2), keepdims=True)) < 0.06
 
 
+@pytest.mark.parametrize("row", [6, 7, 11])
+def test_a_law_that_reads_an_attitude_of_the_sample_before_returns_too(row):
+    law = load_law("flagship")
+    A = law.A.copy()
+    A[row, 3:6] = 0.0
+    law = replace(law, A=A)
+    back = resample(resample(law, 400.0), 250.0)
+    assert all(np.allclose(getattr(back, part), getattr(law, part), rtol=1e-9, atol=1e-11) for part in PARTS)
+
+
 def test_a_central_law_becomes_the_one_made_at_the_new_rate():
     rng, axes = np.random.default_rng(3), np.eye(3)
     A = np.kron([[-0.1, 1.0, 0.0], [-3.0, -4.0, 2.0], [0.0, -1.0, -9.0]], axes)

@@ -341,3 +341,5 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
         held_out=SimpleNamespace(**{name: given[name] for name in ("surprise", "scale", "evidence")}),
     )  # fmt: skip
     assert (axis.gain is not None) == told
+    if told:  # within what it is drawn with, and the hundredth that the model leaves out
+        assert axis.gain.high / axis.gain.nominal - 1.0 == pytest.approx(np.hypot(given["spread"], 0.01), rel=1e-3)

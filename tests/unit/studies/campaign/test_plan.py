@@ -7,7 +7,9 @@ import pytest
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from gustproof.studies.campaign.plan import DispersionKind, parse_campaign, select_spreads, usual_dispersions
+from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.law.form import load_law
+from gustproof.studies.campaign.plan import DispersionKind, confirm, parse_campaign, select_spreads, usual_dispersions
 
 
 def test_the_nominal_case_is_the_scenario_with_its_vehicle(planned):
@@ -65,6 +67,14 @@ def test_a_campaign_is_read_back_from_its_note(planned):
 def test_what_is_no_note_is_told_in_a_line(note):
     with pytest.raises(ConfigError, match=r"^mc\.parquet: "):
         parse_campaign(note, "mc.parquet")
+
+
+def test_an_entry_of_a_file_flies_as_the_given_one_of_its_name():
+    given = [parse_controller("exec: true a"), load_law("hinf-d1"), replace(parse_controller("exec: true b"), name="c")]
+    stored = replace(parse_controller("exec: true b"), name="c", given=False)
+    assert confirm(stored, given, "mc.parquet") == given[2]
+    with pytest.raises(ConfigError, match=r"^mc\.parquet: flown by"):
+        confirm(replace(stored, name=given[0].name), given, "mc.parquet")
 
 
 def test_laws_must_differ_in_name_and_step_with_the_scenario(planned):

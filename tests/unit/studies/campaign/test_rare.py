@@ -78,8 +78,9 @@ def test_dispersions_are_those_of_a_campaign(sampling):
 def test_an_estimate_is_repeated_to_the_bit(planned, here, known, monkeypatch):
     monkeypatch.setattr("gustproof.studies.campaign.rare.ENSEMBLES", 3)
     plan, event = planned(wanted=GUST, laws=("hinf-d1",), cases=1), Threshold("peak_deg", 2.0)
-    found = estimate_rare(plan, event, here)
-    assert estimate_rare(plan, event, here) == found
+    found, shown = estimate_rare(plan, event, here), []
+    assert estimate_rare(plan, event, here, progress=shown.append) == found
+    assert all(0.0 < each <= 1.0 for each in shown)
     assert estimate_rare(replace(plan, seed=2), event, here).probability != found.probability
 
 

@@ -1,5 +1,5 @@
 import re
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import pyarrow.parquet as pq
 import pytest
@@ -70,6 +70,22 @@ def test_a_stretch_is_of_one_law_and_about_a_second_of_work(planned, tmp_path):
     written(planned(cases=3000), tmp_path / "mc.parquet", pool)
     assert all(stretch.first // 3000 == (stretch.first + stretch.runs - 1) // 3000 for stretch in pool.stretches)
     assert max(stretch.runs for stretch in pool.stretches) == 992  # a thousand would be a second, 32 fly at once
+
+
+def test_no_more_is_submitted_than_may_be_pending(planned, tmp_path):
+    waiting, pending = set(), []
+    with ThreadPoolExecutor(1) as executor:
+
+        class OneByOne(Here):
+            def submit(self, function, *arguments):
+                future = executor.submit(function, *arguments)
+                waiting.add(future)
+                pending.append(len(waiting))
+                future.add_done_callback(waiting.discard)
+                return future
+
+        written(planned(), tmp_path / "mc.parquet", OneByOne(), chunk_runs=1)
+    assert max(pending) <= Here.max_pending
 
 
 def test_rows_are_written_in_groups_that_bound_the_memory(planned, tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gustproof.studies.campaign.sampling import Sampling, draw_deltas, draw_normals, flight_seeds, permute
+from gustproof.studies.campaign.sampling import _CASES, Sampling, _key, draw_deltas, draw_normals, flight_seeds, permute
 
 CASES, WIDTH = 256, 5
 
@@ -28,6 +28,12 @@ def test_deltas_fill_their_range_and_depend_on_the_seed(sampling):
 
 def test_uniform_deltas_do_not_depend_on_how_many_there_are():
     assert np.array_equal(draw_deltas(Sampling.UNIFORM, 3, 10**6, WIDTH, 0, CASES), all_of(Sampling.UNIFORM))
+
+
+def test_uniform_deltas_are_those_of_their_place_in_the_stream():
+    drawn = draw_deltas(Sampling.UNIFORM, 3, 10, 4, 7, 1)[0]
+    stream = np.random.Generator(np.random.Philox(key=_key(3, _CASES, 4)[:2])).random(32)  # four for a case
+    assert drawn == pytest.approx(2.0 * stream[28:] - 1.0, abs=1e-15)
 
 
 def test_normal_deltas_have_their_deviation():
