@@ -235,6 +235,11 @@ def test_arming_is_refused_in_offboard_whose_stream_has_stopped(autopilot):
     assert autopilot.arm() is TransitionResult.NO_STREAM
 
 
+def test_an_autopilot_that_was_told_nothing_yet_stands_level():
+    fresh = Autopilot(Settings(), free=True)
+    assert (fresh.take_off(None), fresh.arm()) == (TransitionResult.ACCEPTED, TransitionResult.ACCEPTED)
+
+
 def test_arming_and_take_off_are_refused_to_a_vehicle_on_its_side(craft, autopilot):
     for tilt, found in ((50.0, TransitionResult.TIPPED), (40.0, TransitionResult.ACCEPTED)):
         craft.at(height=0.0, tilt=math.radians(tilt))

@@ -168,6 +168,9 @@ def test_on_the_stand_the_rotors_turn_as_in_hover_and_share_out_the_torque() -> 
     np.testing.assert_allclose(records["rotors"].sum(axis=1), weight)
     arms = np.array(VEHICLE.rotors.position_B)[:, 1]
     np.testing.assert_allclose(-records["rotors"] @ arms, records["torque_B"][:, 0], atol=1e-12)
+    loop = VehicleLoop(VEHICLE, QUIET, 1)
+    loop.advance(Trim(), 0)
+    assert loop.rotors == pytest.approx([weight / VEHICLE.rotors.total_thrust] * loop.rotor_count)
 
 
 def test_a_steady_wind_gives_no_moment_on_the_stand() -> None:
