@@ -85,9 +85,10 @@ def test_no_load_and_no_errors_are_made_up(craft):
 
 
 def test_estimator_has_a_place_and_says_so(craft):
-    flags = told(status.make_service(craft), wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT).flags
+    report = told(status.make_service(craft), wire.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     # Attitude, velocities, positions and predicted positions; not a constant position, not uninitialised.
-    assert flags == 1 + 2 + 4 + 8 + 16 + 32 + 256 + 512
+    assert report.flags == 1 + 2 + 4 + 8 + 16 + 32 + 256 + 512
+    assert {getattr(report, name) for name in report.fieldnames if name.endswith("variance")} == {0.0}
 
 
 def test_landed_state_goes_with_the_flight(craft):
