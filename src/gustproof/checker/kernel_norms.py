@@ -74,6 +74,20 @@ class AxisNorms(NamedTuple):
     """[N*m*s/rad] demanded torque per gyro of the same sample."""
 
 
+class _Run(NamedTuple):
+    """Sums over the first samples of an axis's loop, and where they lead; never written to."""
+
+    samples: int
+    total: Array
+    """(cells, signals, m + 2) sums of moduli."""
+    square: Array
+    """(cells, signals) sums of squares after a unit of gyro."""
+    peak: Array
+    """(cells, m, m + 2) largest moduli of the states."""
+    last: Array
+    """(cells, m, m + 2) the last states."""
+
+
 @lru_cache(maxsize=8)
 def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     """Return the norms of an axis from a simulation of `samples`.
@@ -85,9 +99,12 @@ def axis_norms(system: LoopSystem, axis: int, samples: int) -> AxisNorms:
     """
     check_work(system, samples)
     inverse_inertia, inverse_lag = _cells(system, axis)
-    Phi, x = unit_loop(system, axis)
+    Phi, _ = unit_loop(system, axis)
     demand, demand_gyro = _demand(system, axis)
-    total, square, peak, x = _simulate(Phi, demand, x, samples)
+    runs = _runs(system, axis)
+    run = _simulate(Phi, demand, runs[-1] if runs[-1].samples <= samples else runs[0], samples)
+    runs[1:] = [run]
+    total, square, peak, x = run.total.copy(), run.square, run.peak, run.last
     peak = np.max(peak, axis=2)  # of each state over all columns
     defect = unit_roundings(Phi, peak)
     # the demand is a sum of the states with a rounding of its own
@@ -133,19 +150,27 @@ def _cells(system: LoopSystem, axis: int) -> tuple[Array, Array]:
     return np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
 
 
-def _simulate(Phi: Array, demand: Array, x: Array, samples: int) -> tuple[Array, Array, Array, Array]:
-    """Return sums of moduli and of squares of all signals, the states' largest moduli, and the last states.
+@lru_cache(maxsize=3)
+def _runs(system: LoopSystem, axis: int) -> list[_Run]:
+    """Return the run of no sample and the last one, to go on from: who looks for the least samples doubles them."""
+    _, x = unit_loop(system, axis)
+    cells, m = x.shape[:2]
+    return [_Run(0, np.zeros((cells, m + 3, m + 2)), np.zeros((cells, m + 3)), np.zeros_like(x), x)]
+
+
+def _simulate(Phi: Array, demand: Array, run: _Run, samples: int) -> _Run:
+    """Return a run of `samples` that goes on from a shorter one, with the bits of one from the start.
 
     Raises
     ------
     Refusal
         If the loop is unstable.
     """
-    cells, m = Phi.shape[:2]
-    peak, square = np.zeros_like(x), np.zeros((cells, m + 3))
-    total, signals, size = (np.zeros((cells, m + 3, m + 2)) for _ in range(3))
+    m, x = Phi.shape[1], run.last
+    total, square, peak = (sums.copy() for sums in (run.total, run.square, run.peak))
+    signals, size = np.zeros_like(total), np.zeros_like(total)
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(samples):
+        for k in range(run.samples, samples):
             after, held = Phi @ x, demand @ x
             signals[:, :m], signals[:, m + 2] = x, held
             np.subtract(after[:, OMEGA], x[:, OMEGA], out=signals[:, m])
@@ -158,7 +183,7 @@ def _simulate(Phi: Array, demand: Array, x: Array, samples: int) -> tuple[Array,
             x = after
     if not np.max(peak) < _DIVERGED:
         raise Refusal("the norms have no bound: the loop is unstable")
-    return total, square, peak, x
+    return _Run(samples, total, square, peak, x)
 
 
 def _cover(nominal: float, spread: float, cells: int) -> list[tuple[float, float]]:
