@@ -7,11 +7,13 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", int, Fraction)
 Rows = Sequence[Sequence[Fraction]]
 DIGITS = 100
 """Decimal digits to compute with: six times those of a double, so that much may cancel."""
@@ -53,8 +55,12 @@ def tangent(x: float) -> float:
 
 
 def multiply(A: Iterable[Iterable[float]], B: Iterable[Iterable[float]]) -> Array:
-    """Return the product of two matrices, each entry rounded once."""
-    return _round(_product(_fractions(A), _fractions(B)))
+    """Return the product of two matrices, each entry rounded once.
+
+    Doubles are integers over a power of two; over one for all, sums of products take a tenth of the time of fractions.
+    """
+    (rows, over), (others, under) = _integers(A), _integers(B)
+    return np.array([[entry / (over * under) for entry in row] for row in _product(rows, others)])
 
 
 def right_inverse(A: Iterable[Iterable[float]]) -> Array:
@@ -72,13 +78,20 @@ def right_inverse(A: Iterable[Iterable[float]]) -> Array:
     return _round(_product(across, _inverse(_product(rows, across))))
 
 
+def _integers(matrix: Iterable[Iterable[float]]) -> tuple[list[list[int]], int]:
+    """Return integers, and the power of two that they are over."""
+    ratios = [[number.as_integer_ratio() for number in row] for row in matrix]
+    over = max((below for row in ratios for _, below in row), default=1)
+    return [[number * (over // below) for number, below in row] for row in ratios], over
+
+
 def _fractions(matrix: Iterable[Iterable[float]]) -> list[list[Fraction]]:
     return [[Fraction(number) for number in row] for row in matrix]
 
 
-def _product(A: Rows, B: Rows) -> list[list[Fraction]]:
+def _product(A: Sequence[Sequence[Number]], B: Sequence[Sequence[Number]]) -> list[list[Number]]:
     columns = list(zip(*B, strict=True))
-    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction()) for column in columns] for row in A]
+    return [[sum((a * b for a, b in zip(row, column, strict=True)), type(row[0])()) for column in columns] for row in A]
 
 
 def _inverse(A: Rows) -> list[list[Fraction]]:

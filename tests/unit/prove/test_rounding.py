@@ -75,14 +75,14 @@ def parts(name):
 def test_no_sum_of_a_step_is_rounded_by_more_than_the_proof_says(name):
     law, system, _, case, box, form, reference = parts(name)
     law = replace(law, limits=np.full(3, 1e6), rate_limit=None)  # within the box no limit acts, at its corners it would
-    n, single, rng = law.order, SingleLaw(law), np.random.default_rng(1)
+    n, single, rng, resting = law.order, SingleLaw(law), np.random.default_rng(1), resting_states(law)
     row_error = single_precision._row_error
     bounds = np.array([float(row_error(system, case, box, form, reference, i)) for i in range(n + 3)])
     sizes = np.array([float(box[j % 3][X0 + j // 3]) for j in range(n)])
     worst = np.zeros(n + 3)
     for _ in range(300):
         yaw = rng.uniform(-math.pi, math.pi) * law.takes_references
-        exact = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], n) * sizes + resting_states(law)[:, 2] * yaw
+        exact = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], n) * sizes + resting[:, 2] * yaw
         x = np.concatenate([exact.astype(np.float32), np.zeros(len(single.wide), dtype=np.float32)])
         for k, i in enumerate(single.wide):
             x[n + k] = exact[i] - x[i]
@@ -94,7 +94,7 @@ def test_no_sum_of_a_step_is_rounded_by_more_than_the_proof_says(name):
         found = after[:n].astype(np.float64)
         found[list(single.wide)] += after[n:]
         worst = np.maximum(worst, np.abs(np.concatenate([found - following, command - expected])))
-    slack = 1e-12 * np.max(np.abs(resting_states(law)))  # doubles round too
+    slack = 1e-12 * np.max(np.abs(resting))  # doubles round too
     assert np.all(worst <= bounds + slack)
     assert np.max(worst[6:] / (bounds[6:] + 1e-30)) > 0.02  # the bound is not idle
 
