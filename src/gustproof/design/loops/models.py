@@ -9,7 +9,7 @@ rate ask for a law of that rate; such a law is not resampled.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -127,7 +127,7 @@ def read_autopilot_law(
     parameters = {name: float(value) for name, value in read_parameters(str(path), "", found).items()}
     if wrong := [name for name, value in parameters.items() if not math.isfinite(value)]:
         raise ConfigError(f"{path}: {wrong[0]} is not finite")
-    kinds = [kind for kind, each in AUTOPILOTS.items() if any(_is_of(each, name) for name in parameters)]
+    kinds = _find_kinds(parameters)
     if len(kinds) != 1:
         which = "of both PX4 and ArduPilot" if kinds else "of PX4 (MC_…) or ArduPilot (ATC_…)"
         raise ConfigError(f"{path}: must hold gains of one autopilot, there are {'those' if kinds else 'none'} {which}")
@@ -141,9 +141,17 @@ def read_autopilot_law(
     return replace(built, remarks=(*found, *_cut(AUTOPILOTS[kinds[0]], parameters, kept), *built.remarks))
 
 
-def _is_of(autopilot: AutopilotLoops, name: str) -> bool:
-    """Return whether a name tells the autopilot, if not its multicopters."""
-    return name.startswith(autopilot.family) or any(re.fullmatch(each, name) for each in autopilot.strangers)
+def _find_kinds(names: Collection[str]) -> list[str]:
+    """Return the autopilots whose names these are; by those of other vehicles only if there are none of multicopters.
+
+    ArduPilot's GND_EFFECT_COMP, which all copters have, looks like a name of PX4's rovers.
+    """
+    own = [kind for kind, each in AUTOPILOTS.items() if any(name.startswith(each.family) for name in names)]
+    return own or [
+        kind
+        for kind, each in AUTOPILOTS.items()
+        if any(re.fullmatch(stranger, name) for name in names for stranger in each.strangers)
+    ]
 
 
 def _match(axes: Sequence[LoopSignals]) -> list[AxisLaw]:

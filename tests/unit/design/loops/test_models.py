@@ -211,6 +211,21 @@ def test_a_bad_file_is_refused_in_a_line(tmp_path: Path, text: str, wrong: str) 
 
 
 @pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("ATC_RAT_RLL_P 0.1\nGND_EFFECT_COMP 1\nRO_SPEED_LIM 3\n", "ardupilot"),
+        ("GND_EFFECT_COMP 1\nATC_RAT_RLL_P 0.1\n", "ardupilot"),
+        ("MC_ROLLRATE_P 0.1\nFW_RR_P 0.05\nGND_SPEED_P 1\nTECS_CLMB_MAX 5\n", "px4"),
+    ],
+)
+def test_a_whole_set_is_of_its_multicopter_whatever_stands_beside_its_gains(tmp_path, text, kind):
+    path = tmp_path / "whole.param"
+    path.write_text(text)
+    law = read_autopilot_law(path, load_vehicle("iris")).law
+    assert law.provenance.parameters[{"px4": "MC_ROLLRATE_P", "ardupilot": "ATC_RAT_RLL_P"}[kind]] == 0.1
+
+
+@pytest.mark.parametrize(
     ("text", "names"),
     [
         ("\ufeffMC_ROLLRATE_P,0.15\r\n", 1),
