@@ -65,7 +65,7 @@ def test_flooding_is_counted_but_for_what_still_waits_at_the_end(found):
 
 def test_late_answers_are_found_in_real_time():
     found = next(filter(None, (check("late") for _ in range(5))))
-    assert [(finding.name, finding.spell) for finding in found] == [("late", "real time")]
+    assert [(finding.name, finding.trial) for finding in found] == [("late", "real time")]
 
 
 def test_sound_client_is_found_sound():

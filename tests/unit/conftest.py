@@ -1,9 +1,11 @@
 import math
 import signal
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +47,18 @@ def slow_machine_is_not_told_of() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(options, "_FIRST_LINE_S", 3600.0)
         yield
+
+
+@pytest.fixture
+def leaves() -> Callable[..., Iterator[tuple[tuple[str | int, ...], Any]]]:
+    """Return what yields path and value of each number and text of a document."""
+    return _leaves
+
+
+@pytest.fixture
+def changed() -> Callable[..., dict[str, Any]]:
+    """Return what copies a document with `value` at a path, by default with its last bit or letter changed."""
+    return _changed
 
 
 @pytest.fixture
@@ -208,3 +222,28 @@ def perfect() -> Callable[..., Identification]:
         )
 
     return make
+
+
+def _leaves(value, path=()):
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _leaves(item, (*path, key))
+    else:
+        yield path, value
+
+
+def _changed(document, path, value=None):
+    copy = deepcopy(document)
+    place = copy
+    for key in path[:-1]:
+        place = place[key]
+    old = place[path[-1]]
+    if value is not None:
+        place[path[-1]] = value
+    elif isinstance(old, bool):
+        place[path[-1]] = not old
+    elif isinstance(old, float):
+        place[path[-1]] = float(np.nextafter(old, np.inf))
+    else:
+        place[path[-1]] = old + 1 if isinstance(old, int) else old + "x"
+    return copy

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from gustproof.cli.app import app
 from gustproof.flight.protocol_check.findings import ASKED, Finding
 
-LATE = Finding(name="late", seen="half of the answers took 30 ms", spell="real time")
+LATE = Finding(name="late", seen="half of the answers took 30 ms", trial="real time")
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ def check(
     if as_json:
         print_json({"controller": found.name, "findings": [finding.to_dict() for finding in findings]})
     for finding in () if as_json else findings:
-        say(f"{finding.name}: {finding.seen} ({finding.spell})")
+        say(f"{finding.name}: {finding.seen} ({finding.trial})")
         say(f"    the protocol asks: {finding.asked}")
     if findings:
         names = ", ".join(finding.name for finding in findings)

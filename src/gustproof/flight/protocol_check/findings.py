@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,8 +75,8 @@ class Finding:
     """Name, a key of `ASKED`."""
     seen: str
     """Observation, in words with numbers."""
-    spell: str
-    """Part of the check in which it was seen."""
+    trial: str
+    """Name of the `Trial` in which it was seen."""
 
     @property
     def asked(self) -> str:
@@ -85,7 +85,7 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the finding as JSON values, with what the protocol asks."""
-        return {**asdict(self), "asked": self.asked}
+        return {"name": self.name, "seen": self.seen, "spell": self.trial, "asked": self.asked}
 
 
 class Trial(NamedTuple):
@@ -115,7 +115,7 @@ def judge(trial: Trial) -> list[Finding]:
         parts = _PARTS if seen.messages else (_rejections,)
         found = [each for part in parts for each in part(trial)]
         found += [] if found else _begun(trial)
-    return [Finding(name=name, seen=seen, spell=trial.name) for name, seen in found]
+    return [Finding(name=name, seen=seen, trial=trial.name) for name, seen in found]
 
 
 def _identity(trial: Trial) -> Iterator[_Seen]:

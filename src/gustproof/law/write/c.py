@@ -37,7 +37,7 @@ _STARTS = {
     (False, False): "\n * The law is linear: no state is named, all become 0, and attitude counts from here.",
 }
 """Words about the start of a law that is scheduled, and takes references."""
-_NO_WINDUP = " This law\n * cannot wind up: it needs no word of it."
+_NO_WINDUP = " This law\n * cannot wind up: the call is optional."
 _ALIGN = """
 /* Replace the attitude of the law by another estimate of it [rad], of the time of the last step's gyro sample. */
 void ${prefix}_align($real x[$rows], const $real euler[3])"""

@@ -47,7 +47,7 @@ _ROUND_GAIN = 1e-3
 """[-] relative progress of a round below which no other follows."""
 
 _FAR, _WORTH = 1e7, 1e-3
-"""[-] size in balanced units beyond which a static gain has run off, and the relative progress that excuses it."""
+"""[-] size in balanced units beyond which a static gain has diverged, and the relative progress that excuses it."""
 
 _BALANCED, _NEAR = ", balanced", ", near it"
 _ENDS = "", _BALANCED, ", plain steps"
@@ -201,7 +201,7 @@ def search_problem(
 
 
 class _Metric(NamedTuple):
-    """Units and first steps of a search: where one choice creeps or runs off, another may arrive."""
+    """Units and first steps of a search: where one choice creeps or diverges, another may arrive."""
 
     problem: Problem
     objective: PenaltyFunction
@@ -231,7 +231,7 @@ class _Search:
         A diverged gain is no minimum, and its norm is unreliable: it counts only if every search diverged.
         """
         finite = [k for k, start in enumerate(self.tried) if np.isfinite(start.target)]
-        kept = [k for k in finite if not self._has_run_off(k)]
+        kept = [k for k in finite if not self._is_diverged(k)]
         return min(kept or finite, key=lambda k: self.tried[k].target, default=None)
 
     @property
@@ -282,7 +282,7 @@ class _Search:
         failed, last = 0, None
         for k in range(_LUCK * limit):
             best = self.best
-            if failed == limit or best is None or self._has_run_off(best) or self._is_confirmed():
+            if failed == limit or best is None or self._is_diverged(best) or self._is_confirmed():
                 break
             winner, before = self.tried[best], self.least
             progress(failed, f"near {winner.name}; best so far {before:.5g}")
@@ -309,20 +309,20 @@ class _Search:
         self.tried.append(start)
         self._found.append(scaled * unit)
 
-    def _has_run_off(self, k: int) -> bool:
+    def _is_diverged(self, k: int) -> bool:
         return len(self._metrics) > 2 and bool(np.max(np.abs(self._found[k]) / self._unit) > _FAR)
 
     def _is_confirmed(self) -> bool:
         """Return whether two searches agree on the least target, so that no better one is nearby.
 
-        Gains that ran off agree along a valley without end: other metrics may leave it, or find its lower targets.
+        Diverged gains agree along a valley without end: other metrics may leave it, or find its lower targets.
         """
         best = self.best
         if best is None:
             return False
         level = (1.0 + _AGREEMENT) * self.tried[best].target
         near = [k for k, start in enumerate(self.tried) if start.target <= level]
-        far = [k for k in near if self._has_run_off(k)]
+        far = [k for k in near if self._is_diverged(k)]
         least = min((self.tried[k].target for k in far), default=np.inf)
         return len(near) - len(far) > 1 and least >= (1.0 - _WORTH) * self.tried[best].target
 
@@ -331,8 +331,8 @@ class _Search:
         best = self.best
         assert best is not None
         problem, objective, _ = self._metrics[0]
-        limit = np.inf if self._has_run_off(best) else (1.0 - _WORTH) * self.least
-        far = [k for k, start in enumerate(self.tried) if start.target < limit and self._has_run_off(k)]
+        limit = np.inf if self._is_diverged(best) else (1.0 - _WORTH) * self.least
+        far = [k for k, start in enumerate(self.tried) if start.target < limit and self._is_diverged(k)]
         checked = [self._checked_norm(k) for k in far]
         if min(checked, default=np.inf) < limit:
             best = far[int(np.argmin(checked))]
@@ -341,7 +341,7 @@ class _Search:
         return replace(found, winner=best, evaluations=evaluations)
 
     def _checked_norm(self, k: int) -> float:
-        """Return the norm of a gain that ran off, which rounding may have flattered; infinite if it spoilt the loop."""
+        """Return the norm of a diverged gain, which rounding may have flattered; infinite if the loop is unstable."""
         problem, _, _ = self._metrics[0]
         try:
             return max(self.tried[k].target, _worst_peak(problem, problem.structure.controller(self._found[k])).gain)

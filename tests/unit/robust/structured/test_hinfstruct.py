@@ -265,7 +265,7 @@ def test_a_gain_that_ran_off_counts_if_it_is_worth_it_or_all_did():
 
     put((2.0, 1e9), (3.0, -1.0), (np.inf, 0.0))
     assert (search.best, search.least, search._is_confirmed()) == (1, 3.0, False)
-    put((2.0, 1e9), (3.0, -1.0), (3.0, -1.0))  # two agree, but one that ran off is better
+    put((2.0, 1e9), (3.0, -1.0), (3.0, -1.0))  # two agree, but a diverged one is better
     assert (search.best, search._is_confirmed()) == (1, False)
     put((2.9999, 1e9), (3.0, -1.0), (3.0, -1.0))
     assert (search.best, search._is_confirmed()) == (1, True)
