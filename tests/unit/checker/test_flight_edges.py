@@ -368,12 +368,21 @@ class Looked:
 @pytest.mark.parametrize(("size", "steps"), [(1e30, 65), (9e29, 200)])
 def test_a_loop_that_diverges_is_left_at_the_next_look(size, steps):
     step, x = Looked(size), np.ones((1, 3, 5))
+    run = kernel_norms._Run(0, np.zeros((1, 6, 5)), np.zeros((1, 6)), np.zeros_like(x), x)
     if size < 1e30:
-        kernel_norms._simulate(step, np.zeros(3), x, 200)
+        kernel_norms._simulate(step, np.zeros(3), run, 200)
     else:
         with pytest.raises(Refusal, match="have no bound: the loop is unstable"):
-            kernel_norms._simulate(step, np.zeros(3), x, 200)
+            kernel_norms._simulate(step, np.zeros(3), run, 200)
     assert step.steps == steps
+
+
+def test_a_run_that_goes_on_has_the_bits_of_one_from_the_start():
+    loop, found = read_system(json.dumps(law_document()), VEHICLE), []
+    for asked in ([960], [1920, 480, 960]):  # what is shorter than the last run begins anew
+        kernel_norms._runs.cache_clear()
+        found.append([axis_norms.__wrapped__(loop, 0, samples) for samples in asked][-1])
+    assert all(np.array_equal(one, other) for one, other in zip(*found, strict=True))
 
 
 def last_of(left: float, peak: float = 1.0) -> tuple[Any, ...]:
