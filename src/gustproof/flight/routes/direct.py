@@ -10,7 +10,7 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import published_hover, published_limit
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.numerics.compiled import compiled
+from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
 from firmware_model.sim import inner_loop
@@ -145,10 +145,7 @@ def fly_stepper(
                 # Copies: the controller may keep or change what it gets.
                 gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
                 flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
-                slot = ring[k % late]
-                slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
-                within = np.clip(flight.command / flight.scale, -flight.bound, flight.bound)
-                slot[1:4] = within.astype(np.float32)
+                _pack_command(flight, ring[k % late])
                 advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
     except StepError as failure:
         return as_records(flight.records[:k]), failure
@@ -190,6 +187,14 @@ def check_compatible(scenario: Scenario, law: Law | Library | CheckedStepper) ->
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
 
 
+@kernel
+def _pack_command(flight: _DirectFlight, setpoint: Array) -> None:
+    """Write the command and thrust of the sample as a set-point, as they are on the wire; see `sim.inner_loop`."""
+    setpoint[0], setpoint[inner_loop.THRUST] = flight.kind, flight.thrust
+    for i in range(3):
+        setpoint[1 + i] = min(max(float32(flight.command[i] / flight.scale[i]), -flight.bound), flight.bound)
+
+
 @compiled
 def _fly(flight: _DirectFlight) -> int:
     """Fly, and return the count of samples: fewer than all if a controller in C commands no finite number."""
@@ -209,9 +214,6 @@ def _fly(flight: _DirectFlight) -> int:
                 return k
         else:
             law_kernel(flight.law, z, command, flight.work)
-        slot = ring[k % late]
-        slot[0], slot[inner_loop.THRUST] = flight.kind, flight.thrust
-        for i in range(3):
-            slot[1 + i] = min(max(float32(command[i] / flight.scale[i]), -flight.bound), flight.bound)
+        _pack_command(flight, ring[k % late])
         advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
     return int(records.shape[0])
