@@ -54,6 +54,7 @@ _TAKEN_OFF, _ON_GROUND = 28, (11, 18)  # events NOT_LANDED; DISARMED, LAND_COMPL
 _SCALED = str.maketrans("cCeEL", "ddddd")  # number formats whose text is scaled
 _PACKED = str.maketrans({"M": "B", "n": "4s", "N": "16s", "Z": "64s", "g": "e"})
 _WITHOUT_FORMAT = {"PARM": b"0,0,PARM,QNf,TimeUS,Name,Value"}
+_OLD_FULL, _LARGEST_SHARE = 4500.0, 2.0
 _LONGEST_LINE = 4096  # [bytes]
 _OUTPUT = re.compile(r"C(?:h|han)?(\d{1,2})")
 
@@ -231,8 +232,11 @@ def read_dataflash(path: Path) -> Draft:
     left = read_blocks(path, parser.consume)
     parameters = _parameters(parser)
     draft = Draft(source=path.name, system="ardupilot", rows={}, parameters=parameters.values)
+    is_old = _has_old_units(parser)
+    draft.findings += ["RATE: of ArduCopter before 3.4, in centidegrees/s and with 4500 as full command"] * is_old
     for signal, sources in _SIGNALS.items():
-        found = [rows for source in sources if (rows := parser.rows(source)) is not None and rows.has_times()]
+        used = (_in_old_units(signal, source) for source in sources) if is_old else sources
+        found = [rows for source in used if (rows := parser.rows(source)) is not None and rows.has_times()]
         if found:
             draft.rows[signal] = fastest(found)
     for signal in ("attitude", "reference"):
@@ -245,6 +249,18 @@ def read_dataflash(path: Path) -> Draft:
     draft.in_air = _in_air(parser)
     draft.findings += [*_findings(parser, left), *parameters.findings()]
     return draft
+
+
+def _has_old_units(parser: _Parser) -> bool:
+    """Return whether commands are integers up to 4500, as in ArduCopter before 3.4; later ones are shares of 1."""
+    rows = parser.rows(_SIGNALS["command"][0])
+    return rows is not None and bool(np.quantile(np.nan_to_num(np.abs(rows.values)), 0.99) > _LARGEST_SHARE)
+
+
+def _in_old_units(signal: str, source: _Source) -> _Source:
+    if source.message != "RATE":
+        return source
+    return source._replace(scale=source.scale * (1.0 / _OLD_FULL if signal == "command" else 0.01))
 
 
 def _parameters(parser: _Parser) -> LoggedParameters:

@@ -60,6 +60,7 @@ def px4_topics() -> list[list[bytes]]:
     motors = [(t + 300, t, 0.4, 0.5, 0.6, float("nan") if t < 1_400_000 else 0.7, *[float("nan")] * 8) for t in stamps]
     attitude = [(t, t - 1000, np.cos(0.1), np.sin(0.1), 0.0, 0.0) for t in stamps[::2]]
     landed = [(1_000_000, True), (1_500_000, False), (2_500_000, True)]
+    rates = [(1_000_000 + 20_000 * i, 0.1 * i, 0.2, -0.3) for i in range(80)]
     return [
         ulog_topic(
             3,
@@ -72,6 +73,7 @@ def px4_topics() -> list[list[bytes]]:
         ),
         ulog_topic(9, "actuator_motors", "uint64_t timestamp;uint64_t timestamp_sample;float[12] control", motors),
         ulog_topic(12, "vehicle_attitude", "uint64_t timestamp;uint64_t timestamp_sample;float[4] q", attitude),
+        ulog_topic(20, "vehicle_rates_setpoint", "uint64_t timestamp;float roll;float pitch;float yaw", rates),
         ulog_topic(300, "vehicle_land_detected", "uint64_t timestamp;bool landed", landed, 7),
         ulog_topic(301, "cpuload", "uint64_t timestamp;float load", [(t, 0.5) for t in stamps[::50]]),
     ]
@@ -256,7 +258,26 @@ def betaflight_log() -> bytes:
     names += [f"{kind}[{i}]" for kind in ("setpoint", "gyroADC") for i in range(3)]
     names = ["loopIteration", *names, *(f"motor[{i}]" for i in range(4)), "flightModeFlags (flags)"]
     rows = [
-        [i, 9_000_000 + 4000 * i, 100, 50, -40, 10, 20, 30, -10, 5, 0, 0, 0, i % 90, 20, -30, *[747 + i % 7] * 4, "0"]
+        [
+            i,
+            9_000_000 + 4000 * i,
+            100,
+            50,
+            -40,
+            10,
+            20,
+            30,
+            -10,
+            5,
+            40,
+            30,
+            20,
+            i % 90,
+            20,
+            -30,
+            *[747 + i % 7] * 4,
+            "0",
+        ]
         for i in range(500)
     ]
     return "\n".join(", ".join(map(str, row)) for row in [names, *rows]).encode() + b"\n"

@@ -26,6 +26,9 @@ def test_read_log_of_betaflight_turns_pitch_and_yaw(
     assert log.system == "betaflight"
     assert log.gyro.time == pytest.approx(0.004 * np.arange(500))
     assert log.gyro.values[31] == pytest.approx(np.deg2rad([31.0, -20.0, 30.0]))
+    assert log.rate_reference is not None
+    assert log.rate_reference.values[31] == pytest.approx(np.deg2rad([40.0, -30.0, -20.0]))
+    assert not log.is_gyro_raw
     assert log.command is not None
     assert log.command.values[0] == pytest.approx([0.1, -0.075, 0.01])
     assert log.motors is not None

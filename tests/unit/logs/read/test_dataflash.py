@@ -119,3 +119,21 @@ def test_read_log_of_ardupilot_tells_damage_and_reads_on_after_it(written: Write
     assert log.gyro.time[-1] > 1.99
     assert any(line.startswith("file: ") and "bytes are damaged: left out" in line for line in log.findings)
     assert any(line.startswith("file: it ends within a message, ") for line in log.findings)
+
+
+@pytest.mark.parametrize(("angle", "full", "told"), [(100.0, 4500.0, True), (1.0, 1.0, False)])
+def test_rates_and_commands_of_old_copters_are_in_their_units(tmp_path, angle, full, told):
+    head = ["FMT, 11, 0, IMU, Qfff, TimeUS,GyrX,GyrY,GyrZ",
+            "FMT, 12, 0, RATE, Qfffffffff, TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut"]  # fmt: skip
+    rates = [(10.0 * np.sin(0.3 * i), 9.0 * np.sin(0.3 * i), 0.5 * np.cos(0.3 * i)) for i in range(200)]
+    lines = []
+    for i, (asked, flown, out) in enumerate(rates):
+        lines.append(f"IMU, {2500 * (i + 1)}, {np.radians(flown)}, 0.001, 0.002")
+        lines.append(f"RATE, {2500 * (i + 1)}, {angle * asked}, {angle * flown}, {full * out}, 0, 0, 0, 0, 0, 0")
+    path = tmp_path / "old.log"
+    path.write_text("\n".join([*head, *lines, ""]))
+    log = read_log(path)
+    assert log.rate_reference.values[:, 0] == pytest.approx(np.radians([asked for asked, _, _ in rates]), abs=1e-6)
+    assert log.command.values[:, 0] == pytest.approx([out for *_, out in rates], abs=1e-6)
+    assert any("before 3.4" in line for line in log.findings) is told
+    assert not log.is_gyro_raw

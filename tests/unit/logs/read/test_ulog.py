@@ -30,6 +30,9 @@ def test_read_log_of_px4_maps_topics_to_signals(written: Write, px4_log: bytes) 
     assert log.attitude.time[0] == pytest.approx(0.999 - start_s)
     assert log.attitude.values[7] == pytest.approx([0.2, 0.0, 0.0])
     assert log.reference is None
+    assert log.rate_reference is not None
+    assert log.rate_reference.values[3] == pytest.approx([0.3, 0.2, -0.3])
+    assert log.is_gyro_raw
     assert log.airborne[0] == pytest.approx((1.5 - start_s, 2.5 - start_s))
     assert log.parameters == pytest.approx({"MC_ROLLRATE_P": 0.2, "IMU_INTEG_RATE": 250.0})
     assert log.findings == (
