@@ -15,6 +15,7 @@ _SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by defau
 _X_SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # forward, right
 _X_SPIN = (1, 1, -1, -1)
 _OWN_SCALES = ("px4", "ardupilot")  # autopilots whose logs have a command of their own scale
+_EVEN = 0.05  # [rad] of directions of rotors that are the same, or evenly spaced
 _SAME_TORQUE = 0.1  # [-] relative difference of torques within which rotors are those of a log
 
 
@@ -84,14 +85,27 @@ def ardupilot_full_torque(vehicle: Vehicle) -> Vector:
 
     With MOT_SPIN_MIN and MOT_SPIN_MAX it is their difference times that.
 
+    A rotor's share in roll and pitch goes by its direction alone, scaled so that the largest is one half. So is its
+    share in yaw. Frames are X and plus of four to twelve rotors, one or two on an arm, and Y6.
+
     Raises
     ------
     ConfigError
-        If the rotors are no quadrotor X.
+        If the rotors are no such frame.
     """
-    _check_x(vehicle)
-    roll_pitch = [(-0.5 * right, 0.5 * forward) for forward, right in _X_SIDES]
-    return _full_torque(vehicle.rotors, np.column_stack([roll_pitch, 0.5 * np.array(_X_SPIN)]))
+    rotors = vehicle.rotors
+    angles = np.array([np.arctan2(y, x) for x, y, _ in rotors.position_B])
+    sides = [(int(np.sign(x)), int(np.sign(y))) for x, y, _ in rotors.position_B]
+    if sorted(sides) == sorted(_X_SIDES):  # a quadrotor X, whatever its angles
+        angles = np.array([np.arctan2(right, forward) for forward, right in sides])
+    shares = np.column_stack([-np.sin(angles), np.cos(angles), rotors.spin])
+    coupled = shares.T @ shares
+    if not _is_even(angles) or not np.allclose(coupled, np.diag(np.diag(coupled)), atol=_EVEN) or np.sum(rotors.spin):
+        raise ConfigError(
+            f"vehicle '{vehicle.name}': rotors must be evenly around it, one or two on an arm, half of them turning "
+            "each way, as ArduPilot's frames are"
+        )
+    return _full_torque(rotors, 0.5 * shares / np.max(np.abs(shares), axis=0))
 
 
 def measured_torque(autopilot: str, vehicle: Vehicle) -> Vector | None:
@@ -164,8 +178,19 @@ def check_rotors(vehicle: Vehicle) -> None:
         )
 
 
+def _is_even(angles: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
+    """Return whether directions [rad] are evenly spaced, with as many rotors, one or two, in each."""
+    turned = np.sort((angles - angles[0] + 2.0 * _EVEN) % (2.0 * np.pi))
+    for pair in (1, 2):
+        arms = turned.reshape(-1, pair) if len(angles) % pair == 0 else np.empty((0, pair))
+        gaps = np.diff(arms.mean(axis=1), append=arms.mean(axis=1)[:1] + 2.0 * np.pi)
+        if len(arms) > 2 and np.allclose(arms, arms[:, :1], atol=_EVEN) and np.allclose(gaps, gaps.mean(), atol=_EVEN):
+            return True
+    return False
+
+
 def _full_torque(rotors: Rotors, mixer: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Vector:
-    """Return the torque [N*m] of 1.0 about each axis by a mixer (4, 3) of fractions of a rotor's largest thrust."""
+    """Return the torque [N*m] of 1.0 about each axis by a mixer (n, 3) of fractions of a rotor's largest thrust."""
     roll, pitch, yaw = np.diag(rotors.wrench[:3] @ mixer * rotors.thrust_max).tolist()
     return roll, pitch, yaw
 

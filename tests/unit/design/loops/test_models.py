@@ -439,3 +439,42 @@ def test_a_flight_of_the_law_is_as_predicted(kind: str) -> None:
     assert np.mean([each.torque_slew_rms for each in flown]) == pytest.approx(predicted.slew, rel=0.05)
     error = math.degrees(predicted.rmse)
     assert math.sqrt(np.mean([each.rmse_deg**2 for each in flown])) == pytest.approx(error, rel=0.15)
+
+
+def frame(angles_deg, spin, arm=0.3):
+    """Return the octo with rotors in these directions, clockwise from the front."""
+    places = [(arm * np.cos(a), arm * np.sin(a), -0.05) for a in np.radians(angles_deg)]
+    rotors = {"position_B": tuple(places), "spin": tuple(spin), "thrust_max": 40.0, "drag_ratio": 0.05}
+    return replace(load_vehicle("octo"), rotors=replace(load_vehicle("octo").rotors, **rotors))
+
+
+@pytest.mark.parametrize(
+    ("angles", "spin", "roll_pitch"),
+    [
+        ((0.0, 90.0, 180.0, -90.0), (-1, 1, -1, 1), (2, 2)),  # plus
+        ((90.0, -90.0, -30.0, 150.0, 30.0, -150.0), (-1, 1, -1, 1, 1, -1), (3, 2 * 3**0.5)),  # hexa X
+        ((60.0, 60.0, -60.0, -60.0, 180.0, 180.0), (1, -1, 1, -1, 1, -1), (2 * 3**0.5, 3)),  # Y6
+        ((45.0, 45.0, -45.0, -45.0, -135.0, -135.0, 135.0, 135.0), (1, -1) * 4, (4 * 2**0.5, 4 * 2**0.5)),
+    ],
+)
+def test_ardupilot_scales_each_axis_of_a_frame_to_one_half(angles, spin, roll_pitch):
+    # shares sin(angle) or cos(angle) over their largest, times half of the thrust and the arm
+    vehicle = frame(angles, spin)
+    roll, pitch, yaw = ardupilot_full_torque(vehicle)
+    assert (roll, pitch) == pytest.approx([0.5 * 40.0 * 0.3 * each for each in roll_pitch])
+    assert yaw == pytest.approx(0.5 * 40.0 * 0.05 * len(spin))
+    assert autopilot_law("ardupilot", {}, vehicle).law.provenance.vehicle == "octo"
+
+
+@pytest.mark.parametrize(
+    ("angles", "spin"),
+    [
+        ((0.0, 80.0, 180.0, -90.0, 20.0), (1, -1, 1, -1, 1)),
+        ((90.0, -90.0, -30.0, 150.0, 30.0, -150.0), (1, -1, 1, 1, -1, 1)),
+        ((90.0, -90.0, -30.0, 150.0, 30.0, -150.0), (1, -1, 1, -1, 1, -1)),  # yaw rolls
+        ((60.0, 60.0, -60.0, -60.0, 170.0, 180.0), (1, -1, 1, -1, 1, -1)),
+    ],
+)
+def test_rotors_that_are_no_frame_of_ardupilot_are_refused(angles, spin):
+    with pytest.raises(ConfigError, match="evenly around it"):
+        ardupilot_full_torque(frame(angles, spin))
