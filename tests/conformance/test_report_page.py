@@ -312,6 +312,11 @@ def test_a_judgement_s_page_is_a_report_with_verdict_and_limits(browser, axe, tm
     limits = "charts.drawn.find(({ chart }) => chart.title === 'roll: |S| [dB]')"
     assert browser.run(f"{limits}.chart.marks.map(({{ label }}) => label)") == ["nominal ≤ 2", "spreads ≤ 2.5"]
     assert browser.run(f"{limits}.plot.scales.y.max") > 20.0 * np.log10(2.5)
+    pressed = browser.run("""Object.fromEntries(Array.from(document.querySelectorAll("#legend button"),
+      (button) => [button.textContent, button.getAttribute("aria-pressed")]))""")
+    assert {pressed[name] for name in ("in the air", "where it fails")} == {"true", "false"}
+    attitude = "charts.drawn.find(({ chart }) => chart.title.startsWith('roll φ'))"
+    assert browser.run(f"{attitude}.plot.series.slice(1, 3).map(({{ show }}) => show)") == [False, True]
 
 
 def refuse(*_, **__):

@@ -209,7 +209,7 @@ function showLegend(flights) {
   for (const curve of [...flights, ...common.values()]) {
     const button = legend.appendChild(document.createElement("button"));
     button.type = "button";
-    button.setAttribute("aria-pressed", "true");
+    button.setAttribute("aria-pressed", String(!charts.hidden.has(curve.label)));
     button.append(keyOf(curve), curve.label);
     button.addEventListener("click", () => {
       const shown = charts.hidden.has(curve.label);

@@ -5,6 +5,7 @@ const ready = (async () => {
   await numbers.unpack(document.getElementById("page-numbers").textContent);
   charts.name = page.name;
   charts.bands = page.bands;
+  charts.hidden = new Set(page.hidden);
   charts.flights = new Set(page.runs.map((run) => run.label));
   for (const [name, groups] of Object.entries(page.sections)) {
     const section = document.getElementById(name);

@@ -42,6 +42,8 @@ _PEAK_MARKS = (
     Mark(label=f"nominal ≤ {NOMINAL_PEAK:g}", y=20.0 * math.log10(NOMINAL_PEAK)),
     Mark(label=f"spreads ≤ {SPREAD_PEAK:g}", y=20.0 * math.log10(SPREAD_PEAK)),
 )
+_FIRST = "in the air"
+"""Flights that are drawn at first: the judged gains and the better ones in the same air."""
 _MOST_GAIN = 100.0
 """[-] loop gain of the nominal vehicle above which frequencies are not drawn."""
 
@@ -55,11 +57,13 @@ def render_judgement_page(found: Judgement, better: Improvement | None, remarks:
     """Return the page as HTML."""
     improved = None if better is None else better.better
     loops = [loop_charts(each) for each in (found, improved) if each is not None]
+    runs = tuple(_flights(found, improved))
     return render_page(
-        tuple(_flights(found, improved)),
+        runs,
         title=f"{found.law.name} on '{found.vehicle.name}'",
         intro=render_verdict(found, better, remarks),
         loops=[group for groups in loops for group in groups],
+        hidden=[run.label for run in runs if not run.label.endswith(_FIRST)],
     )
 
 
@@ -169,7 +173,7 @@ def _phase(L: ComplexMatrix) -> Array:
 def _flights(found: Judgement, better: Judgement | None) -> Iterator[ReportRun]:
     """Yield flights in the air and in the worst gust, before and after, and where the law fails."""
     laws = [("", found.law), *([("better, ", better.law)] if better is not None else [])]
-    scenes = [("in the air", found.scenario, found.vehicle)]
+    scenes = [(_FIRST, found.scenario, found.vehicle)]
     if found.gust is not None:
         scenes.append(("worst gust", found.gust.scenario, found.gust.vehicle))
     if found.failure is not None:

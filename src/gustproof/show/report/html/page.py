@@ -39,9 +39,17 @@ def write_report(runs: Sequence[ReportRun], path: Path) -> None:
 
 
 def render_page(
-    runs: Sequence[ReportRun], *, title: str = "", intro: str = "", loops: Sequence[ChartGroup] = ()
+    runs: Sequence[ReportRun],
+    *,
+    title: str = "",
+    intro: str = "",
+    loops: Sequence[ChartGroup] = (),
+    hidden: Sequence[str] = (),
 ) -> str:
-    """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops."""
+    """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops.
+
+    Flights whose labels are `hidden` are drawn when their names in the legend are pressed.
+    """
     laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = dict.fromkeys(run.scenario.name for run in runs)
     sections = {
@@ -53,6 +61,7 @@ def render_page(
     page = {
         "runs": [{"label": run.label, **numbers.encode_replay(run)} for run in runs],
         "sections": sections,
+        "hidden": list(hidden),
         "bands": time_bands(runs),
         "span": [0.0, max(len(run.records) * run.scenario.dt for run in runs)],
         "name": re.sub(r"[^\w.-]+", "-", ", ".join(scenarios)),
