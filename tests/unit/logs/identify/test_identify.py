@@ -14,6 +14,7 @@ from firmware_model.errors import ConfigError
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
 from gustproof.law.form import Law, Provenance
+from gustproof.logs.identify.curves import Curves
 from gustproof.logs.identify.identification import Interval
 from gustproof.logs.identify.identify_vehicle import _Axis, identify
 from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, HIGHEST_DAMPING, LAG
@@ -300,6 +301,12 @@ def test_logs_without_commands_or_too_short_are_refused(brief):
         identify(replace(brief, command=None))
     with pytest.raises(ConfigError, match="too short"):
         identify(replace(brief, airborne=((1.0, 6.0),)))
+
+
+def test_a_rate_that_never_changes_is_explained_by_nothing():
+    still = [np.ones(800)]
+    curves = Curves(command=still, rate=still, caused=still, time=[np.arange(800) * 0.004], damping=0.0, dt=0.004)
+    assert curves.r_squared(40.0) == 0.0
 
 
 @pytest.mark.parametrize("gain", [1e-6, 1.0, 1e6])  # a gain has the unit of its command
