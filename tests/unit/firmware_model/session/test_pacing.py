@@ -452,6 +452,12 @@ def test_wall_time_of_a_flight_counts_from_its_first_sample_to_its_last():
     assert paced.flight.clock_us(paced.now_us + 1) == 7_000_000 + 40_000
 
 
+def test_a_vehicle_upside_down_has_a_tilt_whatever_the_rounding(paced):
+    paced.loop.estimate_q_NB = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # the sum of squares is above 1
+    paced.run(SAMPLE_US)
+    assert paced.autopilot.arm() is TransitionResult.TIPPED
+
+
 @pytest.mark.parametrize("tilt_deg", [44.0, 46.0])
 def test_tilt_and_heading_of_the_estimate_reach_the_autopilot(paced, tilt_deg):
     half, heading = math.radians(tilt_deg) / 2, math.radians(70.0) / 2
