@@ -30,7 +30,7 @@ LAW_HELP = (
 FLOWN_HELP = "A law as for 'fly', or your controller: MODULE.py:MAKER, LIBRARY.so, 'exec: COMMAND'."
 
 
-def is_entry(source: str) -> bool:
+def is_user_controller(source: str) -> bool:
     """Return whether a word names a user's own controller, not a law."""
     return ":" in source or source.endswith((".so", ".dylib", ".dll"))
 
@@ -45,7 +45,7 @@ def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
     """
     from gustproof.flight.controllers.user_controller import parse_controller
 
-    return parse_controller(source) if is_entry(source) else find_law(source, vehicle, None)
+    return parse_controller(source) if is_user_controller(source) else find_law(source, vehicle, None)
 
 
 def is_parameter_file(name_or_path: str) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import FLOWN_HELP, find_controller, is_entry
+from gustproof.cli.laws import FLOWN_HELP, find_controller, is_user_controller
 from gustproof.cli.options import (
     AsJson,
     Force,
@@ -124,7 +124,7 @@ def worst_case(
         print(f"gustproof: warning: {line}", file=sys.stderr)
     _print(flown.name, found, horizon)
     _print_shrunk(smallest, limit)
-    option = f"--{'controller' if is_entry(law) else 'law'} {shlex.quote(law)}"
+    option = f"--{'controller' if is_user_controller(law) else 'law'} {shlex.quote(law)}"
     _print_how_to_fly(written, option, vehicle, found.seed)
 
 

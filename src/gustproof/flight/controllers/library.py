@@ -86,7 +86,7 @@ class LibraryStepper:
 
 
 def load_library(entry: UserController) -> Library:
-    """Load the library of an entry.
+    """Load the library of a user's controller.
 
     Raises
     ------

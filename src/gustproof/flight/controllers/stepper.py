@@ -121,7 +121,7 @@ class CheckedStepper:
 
 
 def make_stepper(entry: UserController, vehicle: Vehicle, dt: float | None = None) -> CheckedStepper:
-    """Make the controller of an entry, for a vehicle as its user knows it.
+    """Make a user's controller for a vehicle as its user knows it.
 
     The maker gets the vehicle if it takes an argument. An object of Python has the sample time `dt` [s], a library its
     own. Each call makes a new controller; the module is loaded once.

@@ -1,4 +1,4 @@
-"""An entry: a controller that its user brings, named as on the command line."""
+"""A user's own controller, named as on the command line."""
 
 import hashlib
 import re
@@ -56,11 +56,11 @@ class UserController:
     """True if its user named it. One that a bag or table names is never loaded or started, see `confirm_controller`."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the entry as JSON values, input of `parse_controller_metadata`."""
+        """Return the controller as JSON values, input of `parse_controller_metadata`."""
         return {"kind": self.kind.value, "source": self.source, "name": self.name, "digest": self.digest}
 
     def check_given(self, where: object = "") -> None:
-        """Refuse to load or start an entry that its user did not name; the text begins with `where`.
+        """Refuse to load or start a controller that its user did not name; the text begins with `where`.
 
         Raises
         ------
@@ -83,7 +83,7 @@ Controller = Law | UserController
 
 
 def parse_controller(source: str) -> UserController:
-    """Return the entry that a text names.
+    """Return the controller that a text names.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _program_name(words: Sequence[str]) -> str:
 
 
 def parse_controller_metadata(document: Any, where: object) -> UserController:
-    """Return the entry that `UserController.to_dict` has written, whatever has become of its file.
+    """Return the controller that `UserController.to_dict` has written, whatever has become of its file.
 
     It tells what flew and can't fly: the document may come from anywhere, see `confirm_controller`.
 
@@ -169,7 +169,7 @@ def parse_controller_metadata(document: Any, where: object) -> UserController:
 
 
 def confirm_controller(flown: UserController, source: str | None, where: object) -> UserController:
-    """Return the entry that a user names to fly `flown` again.
+    """Return the controller that a user names to fly `flown` again.
 
     A program must have the same command. A file may lie elsewhere, and must have the same SHA-256 and maker.
 
@@ -191,7 +191,7 @@ def confirm_controller(flown: UserController, source: str | None, where: object)
 
 
 def _call_of(entry: UserController) -> object:
-    """Return what of an entry its digest does not cover: the words of a program, or a maker's name."""
+    """Return what of a user's controller its digest does not cover: the words of a program, or a maker's name."""
     if entry.kind is ControllerKind.PROGRAM:
         return split_command(entry.source)
     return entry.source.rpartition(":")[2] if entry.kind is ControllerKind.PYTHON else None

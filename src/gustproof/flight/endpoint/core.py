@@ -14,7 +14,7 @@ from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
 Flown = Law | CheckedStepper
-"""Law, or an entry that has been made."""
+"""Law, or a user's controller that has been made."""
 References = Sequence[tuple[int, Vector]]
 _CORRECTION_RATE = 5.0  # [1/s]; a hundred times the leak of a law's estimate
 _LONGEST_CORRECTION_S = 0.1
@@ -22,12 +22,12 @@ _LONGEST_GAP_US = 1_000_000  # a longer silence is no motion to interpolate
 
 
 def sample_time(law: Flown) -> float:
-    """Return the sample time [s] of a law or an entry.
+    """Return the sample time [s] of a law or a user's controller.
 
     Raises
     ------
     ValueError
-        If the entry takes any, and none has been set.
+        If the controller takes any, and none has been set.
     """
     if law.dt is None:
         raise ValueError(f"controller '{law.name}' has no sample time")
@@ -35,7 +35,7 @@ def sample_time(law: Flown) -> float:
 
 
 class UserStepper:
-    """An entry in flight, for a `ControllerCore`: `gustproof.law.step.LawStepper` tells what the methods do."""
+    """A user's controller in flight, with the methods of `gustproof.law.step.LawStepper`."""
 
     def __init__(self, entry: CheckedStepper, dt: float, scale: Vector) -> None:
         self._entry, self._dt, self._scale = entry, dt, scale
@@ -48,7 +48,7 @@ class UserStepper:
         self._entry.reset()
 
     def correct(self, attitude: Vector, share: float) -> None:
-        """Do nothing: an entry keeps its attitude to itself."""
+        """Do nothing: a user's controller keeps its attitude to itself."""
 
     def set_reference(self, euler: Vector) -> None:
         """Set the attitude to hold from the next step on: roll, pitch, yaw [rad]."""
@@ -66,7 +66,7 @@ class UserStepper:
 
 
 class ControllerCore:
-    """A law or an entry in flight, from its initial state with all states 0.
+    """A law or a user's controller in flight, from its initial state with all states 0.
 
     A law knows no attitude but the one that it integrates: its level is the attitude in which it begins.
 

@@ -112,12 +112,12 @@ class ControllerOutcome(Enum):
     RAISED = StepFault.RAISED.value
     NOT_FINITE = StepFault.NOT_FINITE.value
     HUNG = StepFault.HUNG.value
-    """Ends of an entry, see `gustproof.flight.controllers.stepper.StepFault`."""
+    """Ends of a user's controller, see `gustproof.flight.controllers.stepper.StepFault`."""
     INTERRUPTED = "interrupted"  # Ctrl-C or a termination signal
 
 
 class ControllerEndpoint:
-    """One law or entry for one vehicle; pass it datagrams and the time, send the datagrams it returns.
+    """One law or user's controller for one vehicle; pass it datagrams and the time, send the datagrams it returns.
 
     `report` is called with lines for people on its progress. Of a vehicle that a pilot flew, with `hold_height` the
     thrust beside rates holds the height, and with `correct_attitude` ATTITUDE corrects the law's estimate. `recorder`
@@ -199,7 +199,7 @@ class ControllerEndpoint:
         self._end(ControllerOutcome.INTERRUPTED, "interrupted")
 
     def receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
-        """Process a datagram; never raises: unusable input is counted by its cause, and an entry that fails ends it."""
+        """Process a datagram; never raises. Unusable input is counted; a user's controller that fails ends it."""
         try:
             self._receive(datagram, peer, now_us)
         except StepError as failure:

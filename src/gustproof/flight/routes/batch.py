@@ -99,7 +99,7 @@ class CaseResult:
 def fly_many(scenario: Scenario, law: Law | UserController, cases: Sequence[Case]) -> list[CaseResult]:
     """Fly a scenario once for each of `cases`, without messages, and return their results.
 
-    An entry must be a C library in double precision; others fly one by one, see `fly_controller`.
+    A user's controller must be a C library in double precision; others fly one by one, see `fly_controller`.
 
     Figures and readings equal those of the flights' records to the bit, however flights are batched. It raises what
     `fly_direct` raises.
@@ -154,7 +154,7 @@ def make_batch_simulator(
 
 
 def _find_step(controller: Law | UserController) -> tuple[Law | Library, SparseLaw, int]:
-    """Return a law and its terms, or the library of an entry; address of its step."""
+    """Return a law and its terms, or the library of a user's controller; address of its step."""
     if isinstance(controller, Law):
         return controller, _without_padding(sparse_law(controller)), 0
     library = load_library(controller)

@@ -31,15 +31,15 @@ class ControllerFlight:
 def fly_controller(
     scenario: Scenario, controller: Controller, *, vehicle: Vehicle, seed: int = 1, nominal: Vehicle | None = None
 ) -> ControllerFlight:
-    """Fly a scenario with a law or an entry and return what was flown, whatever its end.
+    """Fly a scenario with a law or a user's controller and return what was flown, whatever its end.
 
-    The maker of an entry gets `nominal`, by default the flown vehicle: what its user knows, not what is flown. If a
-    program's set-points stop, the vehicle's own loops fly on.
+    The maker of a user's controller gets `nominal`, by default the flown vehicle: what its user knows, not what is
+    flown. If a program's set-points stop, the vehicle's own loops fly on.
 
     Raises
     ------
     ConfigError
-        If the entry can't be made.
+        If the controller can't be made.
 
     Examples
     --------
@@ -54,12 +54,12 @@ def fly_controller(
             flight = fly(scenario, controller, vehicle=vehicle, seed=seed, out=Path(folder))
             return ControllerFlight(records=flight.records, outcome=flight.outcome, message=flight.message)
     if isinstance(controller, UserController):
-        return _fly_entry(scenario, controller, vehicle, seed, vehicle if nominal is None else nominal)
+        return _fly_user_controller(scenario, controller, vehicle, seed, vehicle if nominal is None else nominal)
     route = fly_loopback if scenario.has_link_script else fly_direct
     return _end(scenario, route(scenario, controller, vehicle=vehicle, seed=seed), None)
 
 
-def _fly_entry(
+def _fly_user_controller(
     scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle
 ) -> ControllerFlight:
     if scenario.has_link_script:

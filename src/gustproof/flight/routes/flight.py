@@ -98,7 +98,7 @@ class Flight:
 
     @property
     def pilot_name(self) -> str:
-        """Name of the law, the entry or the autopilot that flew, in texts and files."""
+        """Name of the law, the controller or the autopilot that flew, in texts and files."""
         if self.autopilot is not None:
             return str(self.autopilot["name"])
         return law_name(self.law) if self.entry is None else self.entry.name
@@ -258,7 +258,7 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle, nominal: Vehicle | 
 def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     """Return the plan in the metadata of a bag or a journal.
 
-    A law can fly at once, an entry only after `gustproof.flight.controllers.user_controller.confirm_controller`.
+    A law can fly at once, a user's controller only after `confirm_controller`.
 
     Raises
     ------

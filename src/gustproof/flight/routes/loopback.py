@@ -40,7 +40,7 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
 def fly_by_messages(
     scenario: Scenario, controller: Flown, *, vehicle: Vehicle, seed: int = 1
 ) -> tuple[Records, StepError | None]:
-    """Fly a law or an entry as `fly_loopback` does; return the records up to the failure of the entry, and that."""
+    """Fly as `fly_loopback` does; return the records, up to the failure of a user's controller, and that failure."""
     rows: list[Array] = []
     try:
         with nullcontext() if isinstance(controller, Law) else controller.limit_time():
@@ -52,7 +52,7 @@ def fly_by_messages(
 
 
 def _fly(scenario: Scenario, law: Flown, vehicle: Vehicle, seed: int, rows: list[Array]) -> StepError | None:
-    """Fly, append each record to `rows`, and return the failure of an entry, which ends the flight."""
+    """Fly, append each record to `rows`, and return the failure of a user's controller, which ends the flight."""
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
     controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
     kill = kill_schedule(scenario)

@@ -35,15 +35,15 @@ class FlightOutcome(Enum):
     DIVERGED = "diverged"
     """The physics left what its steps can integrate: rates beyond some 2,800 rad/s, or no numbers."""
     CONTROLLER_RAISED = "the controller raised an error"
-    """A step of an entry raised, or returned something else than three numbers."""
+    """A step of a user's controller raised, or returned something else than three numbers."""
     CONTROLLER_NOT_FINITE = "the controller's command was not finite"
-    """A step of an entry returned NaN or an infinite number."""
+    """A step of a user's controller returned NaN or an infinite number."""
     CONTROLLER_HUNG = "the controller hung"
-    """A step of an entry took longer than its time limit."""
+    """A step of a user's controller took longer than its time limit."""
     CONTROLLER_LATE = "the controller was late"
     """In real time, samples passed without a command in time; the last one was held."""
     CONTROLLER_DIED = "the controller's process died"
-    """The process of an entry was killed, or crashed."""
+    """The process of a user's controller was killed, or crashed."""
     AUTOPILOT_LOST = "the autopilot's process ended in mid-flight"
     """The vehicle's process died."""
     NOT_STARTED = "the flight did not begin"
@@ -77,7 +77,7 @@ class FlightOutcome(Enum):
 ENTRY_FAILURES = frozenset(outcome for outcome in FlightOutcome if outcome.name.startswith("CONTROLLER_")) - {
     FlightOutcome.CONTROLLER_LOST
 }
-"""Ends of a flight by a fault of its entry."""
+"""Ends of a flight by a fault of its controller."""
 
 _WITHOUT_FLIGHT = {FlightOutcome.NOT_STARTED, FlightOutcome.INTERRUPTED}
 

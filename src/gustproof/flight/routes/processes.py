@@ -146,7 +146,7 @@ def _remove_unflown(journal: Path, log: Path, rotors: int) -> None:
 
 
 def _check_rate(scenario: Scenario, controller: Controller) -> None:
-    """Check that a law steps at the scenario's rate; an entry's own process checks its."""
+    """Check that a law steps at the scenario's rate; the process of a user's controller checks its own."""
     if isinstance(controller, Law) and controller.dt != scenario.dt:
         text = (
             f"law '{controller.name}' steps every {controller.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
@@ -307,7 +307,7 @@ class _ProcessPair:
         return reason, reported
 
     def _refine(self, outcome: FlightOutcome, reported: Mapping[str, Any]) -> FlightOutcome:
-        """Return the outcome of an entry's flight, and keep how far one came that did not begin; a law's stays."""
+        """Return the outcome with a user's controller, and keep how far one came that did not begin; a law's stays."""
         if self._is_law:
             return outcome
         if outcome is FlightOutcome.NOT_STARTED:

@@ -62,7 +62,7 @@ def describe_start(summary: Mapping[str, Any]) -> str:
 def refine_outcome(
     outcome: FlightOutcome, vehicle: Mapping[str, Any], controller: Mapping[str, Any], *, alone: bool
 ) -> FlightOutcome:
-    """Return why the set-points of an entry stopped in mid-flight, or that they came late; other outcomes stay.
+    """Return why a user's controller sent no set-points in mid-flight, or sent them late; other outcomes stay.
 
     `vehicle` and `controller` are the summaries of these processes. The controller tells its own failure, or died if
     the vehicle was `alone` at the end. Otherwise it sent NaN, fell behind the clock, or hung.
