@@ -125,7 +125,7 @@ class ActuatorLimit(_Event):
 class Payload(_Event):
     """Load picked up or dropped at the centre of mass, which does not move. Loads of several events add up.
 
-    It is told as shares of what the vehicle has before the event, for any vehicle, or absolute, for one.
+    It is stated as shares of what the vehicle has before the event, for any vehicle, or absolute, for one.
     """
 
     mass_kg: Finite = 0.0

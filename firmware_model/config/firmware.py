@@ -109,7 +109,7 @@ def ardupilot_full_torque(vehicle: Vehicle) -> Vector:
 
 
 def measured_torque(autopilot: str, vehicle: Vehicle) -> Vector | None:
-    """Return the torque [N*m] B of the command 1.0 of `px4` or `ardupilot` as a log told; `None` if the rotors tell.
+    """Return the torque [N*m] B of the command 1.0 of `px4` or `ardupilot` as a log states it, else `None`.
 
     ArduPilot's is that at the range of thrust that its motors spanned in the log.
 

@@ -98,7 +98,7 @@ _WATCHED = (
     *(f"ATC_RAT_{axis}_{gain}" for axis in _AXES for gain in _GAINS),
     "INS_GYRO_FILTER",
 )
-"""Loops' parameters that are told as the build has them: their defaults differ from version to version."""
+"""Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
 # A law inside is a custom controller: the third, after ArduPilot's empty one and its PID, for all axes.
 _LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"

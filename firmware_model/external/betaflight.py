@@ -129,7 +129,7 @@ class SticksClient(ExternalClient):
         self._heading = to_euler(q_NB)[2]
 
     def hear(self, status: ArmingStatus) -> None:
-        """Take what Betaflight told."""
+        """Take what Betaflight sent."""
         self.autopilot, self.is_armed = DIALECT.autopilot, status.is_armed
         self.custom_mode = int(status.is_in_angle)
         if status.refusals and status.refusals != self._refusals:

@@ -198,7 +198,7 @@ class Betaflight:
         self._answered_s = time.monotonic()
 
     def send(self, readings: Readings) -> None:
-        """Send a sample, and take what its serial port has told."""
+        """Send a sample, and take what its serial port has sent."""
         self.client.observe(readings.q_NB)
         with contextlib.suppress(OSError):  # an ICMP error tells of an earlier packet
             self._states.sendto(betaflight.pack_state(readings), (_HOST, PORTS.state))

@@ -71,7 +71,7 @@ class ExternalClient:
 
     @property
     def is_in_mode(self) -> bool:
-        """True if the autopilot's last heartbeat told the mode that follows set-points."""
+        """True if the autopilot's last heartbeat named the mode that follows set-points."""
         return self.custom_mode == self._dialect.custom_mode
 
     def meet(self, system: int, port: int | None) -> None:

@@ -79,7 +79,7 @@ _COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
 _OF_NEWER = ("MC_YAW_TQ_CUTOFF",)  # versions before have no such filter
 _AXES, _GAINS = ("ROLL", "PITCH", "YAW"), ("_P", "RATE_P", "RATE_I", "RATE_D")
 _WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
-"""Loops' parameters that are told as the build has them: their defaults differ from version to version."""
+"""Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
 
 
 def make_px4(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> "Px4":

@@ -36,7 +36,7 @@ class ParameterReader:
 
     @property
     def finished(self) -> bool:
-        """True once each parameter has been told, or asked for in vain."""
+        """True once each parameter has been reported, or asked for in vain."""
         return not self._asked
 
     @property

@@ -86,8 +86,8 @@ def loss_params(rotors: Rotors, health: tuple[float, ...]) -> LossParams:
 def can_hover(rotors: Rotors, health: tuple[float, ...], weight: float) -> bool:
     """Return whether the allocation can carry a weight [N] level and still, with each rotor within its limits.
 
-    It knows of no failure: rotors of `health` [-] 0 to 1 are told to give all. A rotor at a limit can only move away
-    from it, which is no control.
+    It knows of no failure: rotors of `health` [-] 0 to 1 are commanded to give all. A rotor at a limit can only move
+    away from it, which is no control.
     """
     given = rotors.wrench * np.array(health) @ rotors.allocation
     if np.linalg.cond(given) > 1e9:

@@ -34,7 +34,7 @@ class Estimate(NamedTuple):
     q_NB: Quaternion
     """Estimated attitude, B to N, scalar first."""
     setpoint_q_NB: Quaternion
-    """Attitude set-point of its loops, as it told last; NaN before."""
+    """Attitude set-point of its loops, as it last reported it; NaN before."""
 
 
 class EstimateWriter(JournalWriter):

@@ -83,7 +83,7 @@ class JournalWriter:
     """Writer of a new journal file; as a context manager it leaves the file complete.
 
     A crash of the process can lose `buffer_records`: by default a second at 250 Hz. A `record` is of float64; that of
-    a vehicle is told in the header.
+    a vehicle is stated in the header.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class AutopilotLaw:
     rate_hz: int
     """[Hz] rate of the law."""
     thrust_step: float
-    """[N] step in which a rotor's thrust is told; 0 if it is not rounded. See `airframe.output_rounding`."""
+    """[N] step to which a rotor's thrust is rounded; 0 if it is not rounded. See `airframe.output_rounding`."""
     remarks: tuple[str, ...]
     """Parts of the loops that the law's form does not hold, a line each."""
 
@@ -172,7 +172,7 @@ def _cut(autopilot: AutopilotLoops, parameters: Mapping[str, float], kept: Mappi
 
 
 def _describe_command(vehicle: Vehicle) -> list[str]:
-    """Return remarks on what a log told, or did not tell, of the command; none if the rotors tell it."""
+    """Return remarks on what a log states, or leaves out, about the command; none if the rotors give it."""
     command = vehicle.command
     if command is None or not is_measured(vehicle):
         return []

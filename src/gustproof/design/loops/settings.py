@@ -65,7 +65,7 @@ class AutopilotLoops(NamedTuple):
     documented: Mapping[str, tuple[float | None, float | None]]
     """Least and largest value [in its unit] in the autopilot's own documents; `None` for 0 or no limit."""
     family: tuple[str, ...]
-    """Beginnings of names among which a name that is not known is told."""
+    """Beginnings of names; an unknown name with one of them is reported."""
     known: str
     """Regular expression of names among these that are not of the loops, or that remarks deal with."""
     full_torque: Callable[[Vehicle, Mapping[str, float]], Vector]
@@ -73,7 +73,7 @@ class AutopilotLoops(NamedTuple):
     build: Callable[[int, Mapping[str, float], float, float], LoopSignals]
     """Axis 0 to 2, parameters, that torque [N*m] and the rate [Hz] to the loop."""
     thrust_steps: int
-    """Steps from no thrust to the largest in which outputs are told in simulation; 0 if they are not rounded."""
+    """Steps from no thrust to the largest to which outputs are rounded in simulation; 0 if they are not rounded."""
     remarks: Callable[[Mapping[str, float], int], list[str]]
     """Parameters [in their units], with those not of the loops, and the rate [Hz] to what the form does not hold."""
     gains: str
@@ -122,7 +122,7 @@ class AutopilotLoops(NamedTuple):
             raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
 
     def thrust_step(self, vehicle: Vehicle) -> float:
-        """Return the step [N] in which a rotor's thrust is told in simulation; 0 if it is not rounded."""
+        """Return the step [N] to which a rotor's thrust is rounded in simulation; 0 if it is not rounded."""
         return vehicle.rotors.thrust_max / self.thrust_steps if self.thrust_steps else 0.0
 
     def describe_limit(self, name: str, value: float) -> str:

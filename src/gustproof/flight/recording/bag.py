@@ -72,7 +72,7 @@ def write_bag(
 ) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
 
-    `estimates` (m,) are the attitudes that a real autopilot told, see `firmware_model.recording.estimates`. The
+    `estimates` (m,) are the attitudes that a real autopilot reported, see `firmware_model.recording.estimates`. The
     `requirements` are results as JSON. With the scenario in `flight`, they and its events have topics for viewers.
 
     Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
@@ -276,7 +276,7 @@ def _write_derived(
 
 
 def read_estimate_topics(path: Path) -> Records:
-    """Return the attitudes (m,) of `ESTIMATE` that a real autopilot told, from its bag; none in any other bag."""
+    """Return the attitudes (m,) of `ESTIMATE` that a real autopilot reported, from its bag; none in any other bag."""
     payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in ESTIMATE_TOPICS}
     for file in _files(path):
         for name, _, payload in messages(file):

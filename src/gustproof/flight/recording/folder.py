@@ -14,7 +14,7 @@ RUNS = Path("runs")
 def run_folder(out: Path | None, name: str) -> Iterator[Path]:
     """Make and yield `out`, or by default the next free `runs/<name>-001`, -002, …, for this process alone.
 
-    The folder is locked meanwhile: of several that are told the same one, the first has it. What this process made and
+    The folder is locked meanwhile: of several that are given the same one, the first has it. What this process made and
     left empty is removed at the end.
 
     Raises

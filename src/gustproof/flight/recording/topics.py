@@ -89,7 +89,7 @@ ESTIMATE_TOPICS = (
     Topic("/autopilot/attitude", _QUATERNION, MAP_NED, 4, {"q_NB": _SCALAR_LAST}),
     Topic("/autopilot/setpoint", _QUATERNION, MAP_NED, 4, {"setpoint_q_NB": _SCALAR_LAST}),
 )
-"""Attitude and set-point as a real autopilot told them."""
+"""Attitude and set-point as a real autopilot reported them."""
 
 
 ANGLE_TOPICS = tuple(

@@ -14,7 +14,7 @@ from gustproof.types import Array, Records
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorView:
-    """Root mean squares over the three axes, at the times at which the autopilot told its attitude."""
+    """Root mean squares over the three axes, at the times at which the autopilot reported its attitude."""
 
     estimate_rmse_deg: float
     """[deg] estimated minus true attitude."""

@@ -32,7 +32,7 @@ class H2Result(CheckedController):
     regularization: float = 0.0
     """[-] weight of the controls, states and noise added to a singular plant; 0 if there was no need."""
     gamma_excess: float = 0.0
-    """[-] estimate of how much the regularisation adds to `gamma`; infinite if it cannot be told."""
+    """[-] estimate of how much the regularisation adds to `gamma`; infinite if rounding hides it."""
 
 
 def h2syn(P: LinearSystem, n_meas: int, n_con: int, *, regularize: bool = False) -> H2Result:

@@ -64,7 +64,7 @@ class HinfResult(CheckedController):
     regularization: float = 0.0
     """[-] weight of the controls, states and noise added to a singular plant; 0 if there was no need."""
     gamma_excess: float = 0.0
-    """[-] estimate of how much the regularisation adds to `gamma_opt`; infinite if it cannot be told."""
+    """[-] estimate of how much the regularisation adds to `gamma_opt`; infinite if rounding hides it."""
 
 
 class _Solution(NamedTuple):

@@ -95,7 +95,7 @@ def is_law_file(source: str) -> bool:
 def make_controller(entry: LeagueEntry, vehicles: VehicleSet) -> Controller:
     """Return what flies for an entry on a vehicle; a law that is not shipped for it is tuned.
 
-    A Python object is made once and a library loaded, so that mistakes are told before the first flight.
+    A Python object is made once and a library loaded, so that mistakes are reported before the first flight.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class Standings:
     """(n, n) [-] error of the row's entry over the column's."""
 
     def ranks(self, members: Sequence[int]) -> list[int]:
-        """Return 1 plus the number of better members for each: those who can't be told apart share a rank."""
+        """Return 1 plus the number of better members for each: those who can't be distinguished share a rank."""
         return [1 + sum(self.pairs[i][j].low > 1.0 for j in members if j != i) for i in members]
 
 

@@ -29,9 +29,9 @@ TARGET = 2.0
 _WORTH = 0.95
 """[-] share of the error at the same sensitivity peak below which a change is worth telling."""
 _LEAST_COST = 0.1
-"""[deg] least phase that is told as a filter's cost."""
+"""[deg] least phase that is listed as a filter's cost."""
 _MOST = 3
-"""Most changes that are told."""
+"""Most changes that are listed."""
 _POINTS = 300
 _AXES = ("roll", "pitch", "yaw")
 """Frequencies at which the sensitivity is evaluated."""
