@@ -92,7 +92,7 @@ def iter_comparison(weighed: Improvement) -> Iterator[tuple[str, tuple[str, str]
     found, better = both = weighed.now, weighed.better
     yield "verdict", (found.verdict.value, better.verdict.value)
     yield "Ms nominal", (_maybe(found.Ms), _maybe(better.Ms))
-    yield "Ms over the spreads", (_maybe(found.Ms_over_spreads), _maybe(better.Ms_over_spreads))
+    yield "Ms over the spreads", (describe_spread_peak(found), describe_spread_peak(better))
     yield from _compare_margins(found, better)
     yield "predicted error [deg]", _pair([each.rmse_deg for each in both])
     yield "predicted error, by its own attitude [deg]", _pair([each.seen_rmse_deg for each in both])
@@ -156,6 +156,12 @@ def _maybe(value: float | None) -> str:
 
 def _finite(value: float) -> str:
     return format_margin(value if math.isfinite(value) else None)
+
+
+def describe_spread_peak(found: Judgement) -> str:
+    """Return the largest sensitivity over the spreads: its bound, rounded up, where it is proved."""
+    peak = found.Ms_over_spreads
+    return _maybe(peak) if peak is None or not found.is_proved else f"≤ {_up(peak)}"
 
 
 def _up(value: float) -> str:

@@ -25,12 +25,13 @@ _RAW_CURES = {
 }
 
 
-def summary(flight: LoggedFlight) -> Iterator[str]:
-    """Yield what flew, and what is said of it, the most important first."""
+def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]:
+    """Yield what flew, and what is said of it, the most important first; no verdict if it stands elsewhere."""
     log = flight.log
     told = flight.no_judgement.removeprefix(f"{flight.log.source}: ")
-    yield f"verdict: {title(flight.judgement)}" if flight.judgement else f"no verdict: {told}"
-    yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
+    if not has_verdict:
+        yield f"verdict: {title(flight.judgement)}" if flight.judgement else f"no verdict: {told}"
+        yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
     length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne)
     yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, {len(log.parameters)} parameters"
     if flight.judgement is not None:

@@ -18,6 +18,8 @@ from gustproof.design.tune import default_slew
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import measure
 from gustproof.law.form import load_law
+from gustproof.robust.lti.margins import LoopMargins
+from gustproof.show.report.judgement import describe_spread_peak
 from gustproof.studies.rate import judge as judging
 from gustproof.studies.rate.judge import SPARE_DELAY, Verdict, air_budget, improve, judge_law, scenario_for
 from gustproof.studies.rate.law_margins import hover_margins
@@ -223,3 +225,30 @@ def test_the_scenario_takes_the_law_s_rate():
     law = autopilot_law("ardupilot", {}, PAPER.nominal).law
     found = scenario_for(law, PAPER.nominal, AIR)
     assert (found.control_rate_hz, math.isclose(found.dt, law.dt)) == (400, True)
+
+
+@pytest.mark.parametrize(
+    ("found", "proved", "told"),
+    [
+        (3.07, 3.08, ["Ms 3.07 over the spreads, above 2.5"]),
+        (2.48, 2.53, ["Ms above 2.5 over the spreads is not ruled out, 2.48 is found"]),
+        (2.48, None, []),
+        (2.4, 2.45, []),
+    ],
+)
+def test_a_bound_is_no_estimate_in_a_reason(found, proved, told):
+    margins = LoopMargins(
+        crossover=10.0, phase_margin=1.0, gain_margin=3.0, gain_reduction_margin=0.2, delay_margin=0.05, Ms=1.5
+    )
+    axis = judging.AxisJudgement(
+        nominal=margins, worst=margins, Ms_found=found, Ms_proved=proved, rmse_deg=1.0, slew=1.0
+    )
+    assert [*judging._find_weakness(axis, 0.009)] == told
+
+
+def test_a_proved_peak_is_shown_rounded_up():
+    shown = [
+        describe_spread_peak(SimpleNamespace(Ms_over_spreads=peak, is_proved=proved))
+        for peak, proved in ((3.0712, True), (3.0712, False), (None, False))
+    ]
+    assert shown == ["≤ 3.08", "3.07", "-"]

@@ -25,6 +25,7 @@ from gustproof.show.report.judgement import (
     COLUMNS,
     COMPARED,
     IN_STEPS,
+    describe_spread_peak,
     iter_comparison,
     iter_evidence,
     iter_margins,
@@ -106,8 +107,8 @@ def _number(value: float | None) -> str:
 
 
 def _describe_peak(found: Judgement) -> tuple[str, str]:
-    sign = "≤" if found.is_proved else "found"
-    return _number(found.Ms), f"{sign} {_number(found.Ms_over_spreads)}"
+    found_only = "" if found.is_proved else "found "
+    return _number(found.Ms), f"{found_only}{describe_spread_peak(found)}"
 
 
 def _describe_gust(found: Judgement) -> tuple[str, str]:

@@ -54,7 +54,9 @@ def render_log_page(flight: LoggedFlight) -> str:
     vehicle = [] if flight.shown is None else [_escape(row) for row in number_rows(flight.shown)]
     parts = {
         "title": escape(f"Flight of {log.source}"),
-        "about": "".join(f"<p>{escape(line)}</p>" for line in summary(flight)),
+        "about": "".join(
+            f"<p>{escape(line)}</p>" for line in summary(flight, has_verdict=flight.judgement is not None)
+        ),
         "signals": render_table(("signal", "rate [Hz]", "samples"), map(_escape, signal_rows(log))),
         "findings": _list(log.findings),
         "steps": _list([*(each.describe() for each in flight.steps), *flight.not_told]),
