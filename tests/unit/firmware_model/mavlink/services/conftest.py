@@ -76,6 +76,16 @@ class Craft:
 
 @pytest.fixture
 def craft() -> Craft:
+    return _craft()
+
+
+@pytest.fixture(scope="module")
+def any_craft() -> Craft:
+    """One vehicle for hundreds of cases that leave texts alone behind."""
+    return _craft()
+
+
+def _craft() -> Craft:
     vehicle, scenario = load_vehicle("paper"), replace(load_scenario("paper"), duration_s=1.0)
     loop = VehicleLoop(vehicle, scenario, 1)
     return Craft(Autopilot(Settings(), free=True), Parameters(vehicle, scenario), loop)
