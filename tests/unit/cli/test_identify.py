@@ -1,6 +1,8 @@
 """`gustproof identify` from the log of a flight to files that fly."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,12 +12,14 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.cli.identify.log import _tell_outputs
 from gustproof.flight.recording.bag import write_bag
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
 from gustproof.logs.identify import identify_vehicle as identification
 from gustproof.logs.identify.identify_vehicle import identify
+from gustproof.logs.read.flight_log import FlightLog
 
 IRIS = load_vehicle("iris")
 LAW = "pid-fair"
@@ -153,3 +157,18 @@ def test_a_file_that_is_no_log_is_refused_in_one_line(tmp_path):
     (tmp_path / "log.ulg").write_bytes(b"nonsense")
     assert "log.ulg" in one_line(run(tmp_path / "log.ulg"))
     assert "missing.ulg" in one_line(run(tmp_path / "missing.ulg"))
+
+
+@pytest.mark.parametrize(
+    ("system", "parameters", "words"),
+    [
+        ("px4", {"MC_ROLL_P": 5.0}, "--from flight.ulg -o {}/q.params"),
+        ("px4", {}, "-o {}/q.json"),
+        ("betaflight", {"p_roll": 40.0}, "-o {}/q.json"),
+    ],
+)
+def test_the_next_step_starts_from_the_gains_that_flew(capsys, tmp_path, system, parameters, words):
+    log = FlightLog(source="x", system=system, gyro=None, parameters=parameters)
+    context = SimpleNamespace(params={"log": Path("flight.ulg")})
+    _tell_outputs(context, {"vehicle": tmp_path / "q.toml"}, log, has_vehicle=True)
+    assert capsys.readouterr().out.endswith(f"next: gustproof tune {tmp_path}/q.toml {words.format(tmp_path)}\n")

@@ -98,15 +98,20 @@ def identify(
     from gustproof.show.report.vehicle_numbers import render_identification
 
     show(render_identification(found))
-    _tell_outputs(context, outputs, has_vehicle=found.file is not None)
+    _tell_outputs(context, outputs, flight, has_vehicle=found.file is not None)
 
 
-def _tell_outputs(context: typer.Context, outputs: _Outputs, *, has_vehicle: bool) -> None:
-    """Print the files that are written, and the next command, which wants a vehicle."""
+def _tell_outputs(context: typer.Context, outputs: _Outputs, flight: "FlightLog", *, has_vehicle: bool) -> None:
+    """Print the files that are written, and the next command: from the gains that flew, if the log has them."""
+    from gustproof.design.loops.models import AUTOPILOTS
+
     for kind, path in outputs.items():
         if path is not None:
             print(f"{kind} in {path}")
-    if output := outputs["vehicle"]:
+    has_gains = flight.system in AUTOPILOTS and bool(flight.parameters)
+    if (output := outputs["vehicle"]) and has_gains:
+        print_next("tune", output, "--from", context.params["log"], "-o", output.with_suffix(".params"))
+    elif output:
         print_next("tune", output, "-o", output.with_suffix(".json"))
     elif has_vehicle:
         print_again(context, "-o", "my-quad.toml", without=outputs)
