@@ -72,6 +72,7 @@ INSTEAD = (
         r"^identify flight\.(ulg|bin)(.*)",
         r"identify my-log\2 --like paper",
     ),  # known rotors: no autopilot flew it
+    (r"^judge flight\.ulg$", "judge px4"),
     (r"--(from|over) flight\.ulg", r"--\1 px4"),  # no autopilot's parameters are in that log
     (r"flight\.(ulg|bin)", "my-log"),  # readers of these logs have tests with judges of their own
     (r"^autopilot(?! params)", "autopilot --instance 209"),  # other tests use the usual ports beside this one
@@ -271,7 +272,7 @@ def test_every_command_is_run_and_it_is_known_how() -> None:
         "as it stands": 62,
         "shorter": 15,
         "in a test of its room": 5,
-        "with something in its place": 9,
+        "with something in its place": 10,
         "with an output too": 3,
         "in a walk beside this one": 20,
         "without its build": 7,
