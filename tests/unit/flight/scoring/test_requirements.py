@@ -62,6 +62,13 @@ def test_the_whole_flight_gives_the_figures_of_every_flight():
             assert value == pytest.approx(getattr(figures, f"{name}_{axis}_deg"), rel=ROUNDING)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_torque_of_exactly_the_limit_of_an_axis_is_at_it(axis):
+    records = flight()
+    records["torque_command_B"][:250, axis] = VEHICLE.torque_limit[axis]
+    assert judged(records, metric="saturated_s").value == pytest.approx(1.0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("from_s", "to_s", "peak"), [(0.0, 1.0, 1.0), (1.0, 2.0, 5.0), (1.004, 2.0, 1.0)])
 def test_a_window_has_its_first_sample_and_not_its_last(from_s, to_s, peak):
