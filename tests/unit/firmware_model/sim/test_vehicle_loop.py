@@ -15,7 +15,7 @@ from firmware_model.recording.journal import RECORD
 from firmware_model.sim.layout import X_BATTERY, X_LOAD
 from firmware_model.sim.state import initial_state
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, Setpoint, TorqueCommand, Trim
+from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, PositionTarget, Setpoint, TorqueCommand, Trim
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
@@ -141,6 +141,13 @@ def test_a_gyro_fault_leaves_every_gust_as_it_was() -> None:
 def test_a_seed_out_of_range_is_refused(seed: int) -> None:
     with pytest.raises(ValueError, match="seed is"):
         VehicleLoop(VEHICLE, QUIET, seed)
+
+
+def test_after_touchdown_the_rotors_carry_three_tenths_of_the_weight() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, translation="free"), 1, interactive=True)
+    for _ in range(250):
+        loop.advance(PositionTarget((0.0, 0.0, 0.0), yaw=0.0, v_down=0.5), 0)
+    assert loop.thrust * VEHICLE.rotors.total_thrust == pytest.approx(0.3 * VEHICLE.mass * GRAVITY)
 
 
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
