@@ -274,7 +274,9 @@ def _test_held_out(axis: _Axis, ahead: list[Stretch]) -> _HeldOut:
 def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str, sampled: float) -> Identification:
     """Return the results in the form that others read."""
     told = [axis for axis in axes if axis.gain is not None]
-    lag, delay, lateness = _lateness(told, 0.5 * sample_time(command), sampled=sampled)
+    lag, delay, lateness = _lateness(
+        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof"
+    )
     roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow) for axis in axes)
     motors, motor_intervals = _motor_gains(axes)
     return Identification(
@@ -310,15 +312,17 @@ def _support(log: FlightLog, axes: list[_Axis]) -> dict[str, Array]:
     }
 
 
-def _lateness(told: list[_Axis], hold: float, *, sampled: float) -> list[Interval | None]:
+def _lateness(told: list[_Axis], hold: float, *, sampled: float, is_held: bool) -> list[Interval | None]:
     """Return actuator lag, delay and their sum [s], as far as the axes tell; each interval spans those of all.
 
     Commands act for twice `hold` [s], half of which is no delay where they are filled in. What is filled in, between
-    commands that are `sampled` [s] apart, is in error, and lag and delay with it. Else, at 0, they may be held.
+    commands that are `sampled` [s] apart, is in error, and lag and delay with it. Else, at 0, they may be held, and in
+    our own flights they are: then the nominal delay has nothing of the hold.
     """
     if not told:
         return [None, None, None]
-    least, usual, blur = (hold, hold, _FILLED * sampled) if sampled else (0.0, 0.5 * hold, _BLUR * hold)
+    held = 0.0 if is_held else 0.5 * hold
+    least, usual, blur = (hold, hold, _FILLED * sampled) if sampled else (0.0, held, _BLUR * hold)
     found = []
     for of, later in ((_lag, 0.0), (_delay, 1.0), (lambda p: _lag(p) + _delay(p), 1.0)):
         each = [widen(interval(axis.theta, axis.replicates, of), blur) for axis in told]
