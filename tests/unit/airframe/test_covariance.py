@@ -32,6 +32,7 @@ def test_the_mean_covariance_is_that_of_the_plain_recursion(count: int) -> None:
     np.testing.assert_allclose(mean, total / count, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "delay"), [("paper", 1), ("paper", 0), ("paper", 3), ("iris", 1)])
 def test_what_the_model_foretells_is_what_flies(name: str, delay: int) -> None:
     vehicle = load_vehicle(name)

@@ -43,6 +43,7 @@ def test_no_command_has_more_options_than_a_reader_holds() -> None:
     assert {name: n for name, n in counts.items() if n > LONGER.get(name, MOST_OPTIONS)} == {}
 
 
+@pytest.mark.slow
 def test_no_help_is_longer_than_a_screen(helps: dict[str, list[str]]) -> None:
     assert {name: len(lines) for name, lines in helps.items() if len(lines) > MOST_LINES} == {}
     assert max(len(line) for lines in helps.values() for line in lines) <= 80

@@ -138,6 +138,7 @@ def test_nothing_is_overwritten(flight, tmp_path, option):
     assert taken.read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

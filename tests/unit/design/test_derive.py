@@ -22,6 +22,7 @@ def derived(request) -> tuple[Design, Law, DesignReport]:
     return design, *derive(design)
 
 
+@pytest.mark.slow
 def test_the_shipped_law_is_the_one_derived_from_the_design(derived):
     design, law, _ = derived
     shipped = load_law(design.law)

@@ -220,6 +220,7 @@ def test_every_kick_to_twice_the_torque_limit_is_recovered(name: str) -> None:
     assert np.max(kicks(name)[:, :8]) <= LEFT_DEG[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LEFT_DEG)
 def test_every_kick_is_recovered_by_a_vehicle_off_nominal(name: str) -> None:
     assert np.max(kicks(name)[:, 8:]) <= LEFT_DEG[name] + 1.0

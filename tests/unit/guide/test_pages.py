@@ -63,6 +63,7 @@ def command_line():
     return typer.main.get_command(app)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", GUSTPROOF_LINES, ids=" ".join)
 def test_command_of_a_page_has_these_options_and_names(words: tuple[str, ...]) -> None:
     _, name, *arguments = words

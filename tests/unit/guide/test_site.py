@@ -55,6 +55,7 @@ def test_every_page_of_the_contents_is_written(pages):
     assert set(MADE) < set(pages)
 
 
+@pytest.mark.slow
 def test_nothing_is_fetched_and_every_link_leads_somewhere(pages, folder):
     for name, page in pages.items():
         for tag, attributes in page.tags:

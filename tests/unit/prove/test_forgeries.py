@@ -251,6 +251,7 @@ GAINS: dict[str, tuple[Callable[[], str], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GAINS)
 def test_a_thought_out_forgery_of_a_gain_is_refused(name):
     make, reason = GAINS[name]

@@ -86,6 +86,7 @@ def test_no_simulation_of_ten_thousand_exceeds_the_bound(faster):
     assert 0.7 * faster.gain < np.max(gains) <= faster.gain
 
 
+@pytest.mark.slow
 def test_one_changed_bit_anywhere_is_refused(certificate, leaves, changed):
     document = certificate.to_dict()
     paths = [path for path, _ in leaves(document)]

@@ -54,6 +54,7 @@ def test_certify_gain_refuses_a_discrete_controller(scheduled):
         certify_gain(problem, discrete, angle=0.1, rate=0.5, scheduled=scheduled)
 
 
+@pytest.mark.slow
 def test_the_gain_of_an_uncertain_lag_is_that_of_its_slowest_member(certificate):
     assert certificate.proven
     assert certificate.residual > 0.0

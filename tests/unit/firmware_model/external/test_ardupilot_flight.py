@@ -97,6 +97,7 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
     assert len(estimates) in range(48, 52)
 
 
+@pytest.mark.slow
 def test_frame_repeated_before_a_late_answer_gets_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,6 +88,7 @@ def fly(
     return facts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
 def test_peer_finds_no_fault_and_flies_the_scenario(

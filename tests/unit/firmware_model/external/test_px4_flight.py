@@ -99,6 +99,7 @@ def build_with(script: str, folder: Path) -> Path:
     return build
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_impatient")
 def test_parameters_reach_a_start_script_without_a_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

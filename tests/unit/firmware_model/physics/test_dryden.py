@@ -172,6 +172,7 @@ def _turned(component: int, Omega: np.ndarray, density: np.ndarray) -> np.ndarra
     return Omega**2 / (1 + (width * Omega) ** 2) * density
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("specification", ["MIL-F-8785C", "MIL-HDBK-1797"])
 def test_the_spectrum_is_that_of_the_specification_in_every_band(specification: str) -> None:
     dt, seconds = 0.02, 20000.0
@@ -203,6 +204,7 @@ def test_angular_gusts_turn_the_air_as_its_field_says() -> None:
     assert q < 0.0
 
 
+@pytest.mark.slow
 def test_the_paper_vehicle_feels_a_peak_of_065_newton_metres_in_the_median_of_1000_seeds() -> None:
     vehicle = load_vehicle("paper")
     spectrum = dryden_spectrum(DRYDEN, 10.0, vehicle.span)

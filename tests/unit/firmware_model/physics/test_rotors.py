@@ -52,6 +52,7 @@ def effect(vehicle: Vehicle) -> np.ndarray:
     return np.vstack([arms.T, np.ones(len(arms))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VEHICLES)
 @given(shares=st.tuples(SHARE, SHARE, SHARE), throttle=st.floats(-0.2, 1.2))
 @settings(max_examples=200, deadline=None)
@@ -66,6 +67,7 @@ def test_what_is_given_is_what_the_rotors_make_and_no_rotor_leaves_its_range(nam
     assert rotors.max() <= (1.0 + 1e-12) * most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUADS)
 @given(rotors=st.tuples(*[st.floats(0.0, 1.0)] * 4))
 @settings(max_examples=200, deadline=None)

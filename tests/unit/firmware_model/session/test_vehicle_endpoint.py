@@ -211,6 +211,7 @@ def test_component_that_is_not_there_refuses_commands_in_its_own_name(vehicle):
     assert vehicle.endpoint.counters == {RejectReason.OTHER_TARGET: 2}
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_counted_and_told_to_all(vehicle):
     vehicle.say(HEARTBEAT, port=2)
     for target in (1, 1, 9):
@@ -824,6 +825,7 @@ def test_signed_lockstep_flies_like_an_unsigned_one():
     assert len(flights[0]) == 25
 
 
+@pytest.mark.slow
 def test_commander_that_is_silent_for_10_s_is_forgotten_and_the_next_one_heard_at_once():
     vehicle = Vehicle(lockstep=False, interactive=True)
     vehicle.setpoint()

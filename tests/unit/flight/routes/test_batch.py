@@ -144,11 +144,13 @@ def test_flights_that_a_payload_pulls_to_the_ground_are_the_same_side_by_side():
     assert_same(scenario, law, cases(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in list_scenarios() if not load_scenario(name).has_link_script])
 def test_flights_side_by_side_are_those_one_by_one_in_every_scenario_without_messages(name):
     assert_same(load_scenario(name), LAW, cases(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
 def test_events_winds_and_all_that_can_be_required_are_the_same_side_by_side(law, translation):

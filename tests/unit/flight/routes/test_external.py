@@ -110,6 +110,7 @@ def test_comparison_that_is_interrupted_ends_as_such(flight: Flight, monkeypatch
         compare(SCENARIO, PLAN.vehicle, [AUTOPILOT], [1])
 
 
+@pytest.mark.slow
 def test_cut_off_flight_is_recovered_with_its_attitude(tmp_path: Path) -> None:
     flown = fly_external(PLAN, tmp_path)
     (recovered,) = recover(tmp_path)

@@ -235,6 +235,7 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
     assert (tmp_path / f"{NAME}.journal").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 249, 500])
 @pytest.mark.parametrize("script", ["attitude-steps", "gust-roll", "kick", "paper"])
 def test_a_flight_in_blocks_has_the_figures_of_one_block(monkeypatch, script, size):

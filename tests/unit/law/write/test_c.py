@@ -118,6 +118,7 @@ def test_c_of_the_default_law_gives_its_bits_while_its_rate_is_limited(tmp_path)
     assert_same_bits(law, np.hstack([slow_rates(rng), rng.normal(0.0, 0.1, (STEPS, 3))]), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 @pytest.mark.parametrize("name", list_laws())
 def test_every_shipped_law_gives_its_bits_in_c(name, tmp_path):
@@ -154,6 +155,7 @@ def test_a_law_that_reads_nothing_is_c_without_warnings(tmp_path):
     compiled(replace(law, B=np.zeros((9, 6)), D=np.zeros((3, 6))), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("build", BUILDS)
 @pytest.mark.parametrize("name", list_laws())
 def test_self_test_finds_the_bits_of_every_shipped_law_in_strict_builds(build, name, tmp_path):

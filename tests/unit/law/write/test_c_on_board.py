@@ -102,6 +102,7 @@ class Unit:
         return called(*map(self.real, values))
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("single", [False, True])
 @pytest.mark.parametrize("name", ["flagship", "flagship-robust", "pid-fair", "indi"])
@@ -199,6 +200,7 @@ def test_a_step_in_time_is_told_from_one_that_is_late_or_early(single, tmp_path)
     assert found == [-1, -1, 0, 0, 1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", LANGUAGES)
 @pytest.mark.parametrize(
     ("name", "form"),
@@ -218,6 +220,7 @@ def test_the_unit_has_no_warnings_as_c_and_cpp(name, form, compiler, tmp_path):
     subprocess.run(command, check=True, cwd=tmp_path)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", [name for name in list_laws() if name != "aided"])
 def test_single_precision_gives_the_bits_of_its_twin(name, tmp_path):
@@ -333,6 +336,7 @@ def arm_instructions(emulator: str, folder: Path) -> int:
     return max(counts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "single"), [("flagship", False), ("flagship", True), ("hinf-d1", False), ("aided", False)]
 )

@@ -130,6 +130,7 @@ def test_lost_samples_change_little(perfect, log_of):
     assert np.corrcoef(air.acceleration[:n, 0], whole.acceleration[:n, 0])[0, 1] > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [4.0, 15.0])
 def test_the_wind_of_turbulence_is_found_within_two_decibels(perfect, log_of, wind):
     found = [estimate_air(log_of(fly(wind, seed)), perfect(IRIS), IRIS) for seed in range(1, 6)]

@@ -192,6 +192,7 @@ def brief() -> FlightLog:
     return random_log(1011, duration=20.0)[0]
 
 
+@pytest.mark.slow
 def test_trials_have_the_truth_inside_the_intervals():
     trials = list(run_trials(SEEDS))
     for trial in trials:
@@ -225,6 +226,7 @@ def test_log_with_more_than_the_flight_is_told(brief):
     assert all(axis.gain is None for axis in found.axes)
 
 
+@pytest.mark.slow
 def test_still_hover_is_told_as_unexcited():
     log, _ = random_log(1011, duration=30.0, excited=False, windy=False)
     found = identify(log)
@@ -237,6 +239,7 @@ def test_still_hover_is_told_as_unexcited():
         assert f"{name} is not identified" in found.findings
 
 
+@pytest.mark.slow
 def test_identification_predicts_and_repeats_its_bits(brief):
     told = list[float]()
     first, second = identify(brief, progress=told.append), identify(brief)
@@ -258,12 +261,14 @@ def test_measured_response_agrees_with_the_model(brief):
     assert np.median(apart) < 0.15
 
 
+@pytest.mark.slow
 def test_clock_offset_of_the_command_is_its_delay(brief):
     near = identify(brief)
     early = replace(brief, command=LogSignal(time=brief.command.time - 0.005, values=brief.command.values))
     assert identify(early).delay.nominal - near.delay.nominal == pytest.approx(0.005, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_slow_and_fast_motors_are_told_apart():
     """Four motors, thrust the square of a lagged command, in place of the torque command."""
     random, dt, lag = np.random.default_rng(1), 0.002, 0.06

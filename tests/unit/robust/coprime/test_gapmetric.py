@@ -85,6 +85,7 @@ def plants(seed: int, count: int, dt: float = 0.0) -> list[Lti]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_both_are_metrics_and_the_gap_is_the_larger(seed):
     family = plants(seed, 3)

@@ -80,6 +80,7 @@ def test_static_mu_of_two_complex_blocks_is_the_same_in_all_units(c):
     assert found.upper == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SAMPLE)
 def test_mu_does_not_change_with_units(seed):
     rng = np.random.default_rng(seed)

@@ -166,6 +166,7 @@ def test_what_is_sampled_is_not_called_proved(judge):
     assert [axis.Ms_proved for axis in found.axes] == [None] * 3
 
 
+@pytest.mark.slow
 def test_delay_alone_makes_a_law_fragile(judge):
     law = load_law("flagship")
     margin = hover_margins(law, PAPER.nominal, AIR).delay_margin

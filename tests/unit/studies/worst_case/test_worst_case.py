@@ -36,12 +36,14 @@ def found(law: str) -> WorstCase:
     return worst_case(load_law(law), vehicle=VEHICLE, flights=100)
 
 
+@pytest.mark.slow
 def test_the_papers_law_is_turned_far_beyond_all_that_its_linear_loop_allows() -> None:
     worst = found("hinf-d1")
     assert worst.peak_deg >= 40.0  # the coning attack at 3 rad/s alone gives 51
     assert worst.linear_deg < 16.0
 
 
+@pytest.mark.slow
 def test_a_search_from_random_starts_alone_finds_coning_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "starts", lambda *_: iter(()))
     worst = worst_case(load_law("hinf-d1"), vehicle=VEHICLE, flights=150)
@@ -49,6 +51,7 @@ def test_a_search_from_random_starts_alone_finds_coning_too(monkeypatch: pytest.
     assert worst.peak_deg >= 40.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["hinf-scheduled", "hinf-rates"])
 def test_a_law_with_the_exact_kinematics_suffers_about_what_its_linear_loop_does(law: str) -> None:
     worst = found(law)

@@ -112,6 +112,7 @@ def test_unread_message_to_this_autopilot_is_refused_by_its_name(craft, message,
     assert craft.texts == ([f"{text} not supported"] if text else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", wire.mavlink_map.values())
 def test_refusal_of_any_message_fits_a_statustext(any_craft, kind):
     message = Addressed(kind.msgname, kind.id)

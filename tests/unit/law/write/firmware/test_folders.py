@@ -58,6 +58,7 @@ def test_source_holds_the_name_that_a_flight_looks_for(firmware, make_folder, tm
         check_law_inside(source, "pid-fair")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["flagship", "aided", "hinf-d1"])
 @pytest.mark.parametrize("firmware", Firmware)
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")

@@ -15,6 +15,7 @@ def laws(recorded):
     return lambda *names: collect_laws(read_runs([recorded(name, law=name, n=2) for name in names]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hinf-d1", "hinf-rates", "hinf-d1-noise"])
 def test_a_design_keeps_below_the_bounds_that_its_weights_set(laws, name):
     found = laws(name)
