@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from gustproof.logs.identify.identification import AXES
 from gustproof.logs.identify.rates import describe_slow_log
 from gustproof.logs.identify.spectra import frequency_response
-from gustproof.logs.identify.stretches import find_stretches, sample_time
+from gustproof.logs.identify.stretches import find_stretches, limit_time, sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
 
@@ -33,9 +34,10 @@ _MEMORY, _LONGEST = 0.25, 30  # [s] and samples of the polynomials
 _BLOCK = 2.0  # [s] of the pieces that are drawn again
 _DRAWS, _SEED = 300, 17
 _LEAST_BLOCKS = 6
+_ENOUGH = 600.0  # [s] of the liveliest pieces of a long flight
 _RIDGE = 1e-4  # of the mean power of the regressors
-_VAGUE = 0.4  # [-] half-width of the interval, beyond which no response is told
-_MISFIT = 1.4  # spread of real errors by that of the draws, as a simulation shows
+_VAGUE = 0.5  # [-] half-width of the interval, beyond which no response is told
+_MISFIT = 2.2  # spread of real errors by that of the draws, as a simulation shows
 _BETWEEN = 0.3  # of a sample, in which a set-point may have moved between two that are logged
 _DEAD = 1e-6  # [rad/s] or [rad] rms of a set-point that does not move
 
@@ -132,20 +134,16 @@ def _pieces(
     log: FlightLog, reference: LogSignal, answer: LogSignal, dt: float, *, unwrap: bool
 ) -> Iterator[tuple[Array, Array]]:
     """Yield set-point and answer (n, 3) at even times of each stretch in the air."""
-    width = max(1, round(dt / sample_time(answer)))
-    kernel = np.full(width, 1.0 / width)
-    for begin, end in find_stretches(log, reference):
+    width = 2 * max(0, round(0.5 * dt / sample_time(answer) - 0.5)) + 1
+    asked, flown = (np.unwrap(each.values, axis=0) if unwrap else each.values for each in (reference, answer))
+    flown = uniform_filter1d(flown, width, axis=0, mode="nearest")  # no fast noise folds down
+    columns = [
+        (signal.time, np.ascontiguousarray(values.T)) for signal, values in ((reference, asked), (answer, flown))
+    ]
+    for begin, end in limit_time(find_stretches(log, reference), reference, _ENOUGH):
         time = np.arange(begin, end, dt)
-        pair = []
-        for signal in (reference, answer):
-            values = np.unwrap(signal.values, axis=0) if unwrap else signal.values
-            if signal is answer and width > 1:  # no fast noise folds down
-                values = np.column_stack(
-                    [np.convolve(np.pad(each, width, "edge"), kernel, "same") for each in values.T]
-                )
-                values = values[width:-width]
-            pair.append(np.column_stack([np.interp(time, signal.time, each) for each in values.T]))
-        yield pair[0], pair[1]
+        u, y = (np.column_stack([np.interp(time, stamps, each) for each in rows]) for stamps, rows in columns)
+        yield u, y
 
 
 def _respond(loop: Loop, axis: int, pieces: list[tuple[Array, Array]], dt: float) -> FlownStep | str:
@@ -160,7 +158,7 @@ def _respond(loop: Loop, axis: int, pieces: list[tuple[Array, Array]], dt: float
     value, low, high = _with_interval(blocks, order, count)
     reach, band = float(np.quantile(high - low, 0.9)) / 2.0, _band(series, dt)
     if not reach <= _VAGUE or band is None:  # it may be NaN
-        known = f"known to {100.0 * reach:.0f} % only" if reach < 1.0 else "not known"
+        known = f"uncertain by {100.0 * reach:.0f} %" if reach < 1.0 else "not known"
         coherent = "" if band else ", as set-point and answer are not coherent"
         return f"the response is {known}{coherent}: move the {AXES[axis]} stick to and fro for 20 s"
     time = np.arange(count, dtype=np.float64) * dt

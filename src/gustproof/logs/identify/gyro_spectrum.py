@@ -21,6 +21,7 @@ _MOST = 4
 _WIDE_HZ = 4.0  # half of a line
 _NEAR = 0.1  # share of a line's frequency within which it is found again at the next throttle
 _MOVES = 0.03  # share by which a line of propellers moves, at least
+_ENOUGH = 600.0  # [s] of a flight; of a longer one segments are left out evenly
 _SEGMENTS = 6  # a spectrum has at least
 
 
@@ -84,10 +85,12 @@ def gyro_spectrum(log: FlightLog) -> GyroSpectrum | None:
         return None
     window = np.hanning(size + 1)[:-1]
     powers, throttles = [], []
-    for begin, end in find_stretches(log, log.gyro):
+    spans = find_stretches(log, log.gyro)
+    step = max(1, round(sum(end - begin for begin, end in spans) / _ENOUGH)) * (size // 2)
+    for begin, end in spans:
         time = np.arange(begin, end, dt)
         rate = np.column_stack([np.interp(time, log.gyro.time, each) for each in log.gyro.values.T])
-        for first in range(0, len(time) - size + 1, size // 2):
+        for first in range(0, len(time) - size + 1, step):
             part = rate[first : first + size]
             powers.append(np.abs(np.fft.rfft(window[:, None] * (part - part.mean(axis=0)), axis=0)).T ** 2)
             throttles.append(_throttle(log, time[first], time[first + size - 1]))
