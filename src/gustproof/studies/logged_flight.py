@@ -11,9 +11,10 @@ from gustproof.logs.identify.gyro_spectrum import GyroSpectrum, gyro_spectrum
 from gustproof.logs.identify.shown_vehicle import ShownVehicle, show_vehicle
 from gustproof.logs.read.flight_log import FlightLog
 from gustproof.studies.rate.filter_advice import FilterChoice, weigh_filters
-from gustproof.studies.rate.judge import Judgement, judge_law
+from gustproof.studies.rate.judge import Judgement, Verdict, judge_law
 
 _USUAL_AIR = "paper-turbulence"
+_FLEW_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +71,17 @@ def with_vehicle(found: LoggedFlight, shown: ShownVehicle) -> LoggedFlight:
     """Return the same with the vehicle, not judged."""
     refusal = "" if shown.file else shown.refusal
     return replace(found, shown=shown, no_vehicle=refusal, no_judgement=refusal or "`gustproof report` judges gains")
+
+
+def contradiction(log: FlightLog, judgement: Judgement) -> str:
+    """Return the remark on gains that are unstable by the model and flew all the same; empty for others."""
+    aloft = sum(end - begin for begin, end in log.airborne)
+    if judgement.verdict is not Verdict.UNSTABLE or aloft < _FLEW_S:
+        return ""
+    return (
+        f"yet they flew {aloft:.0f} s in this log: either they oscillated there, see its rates, or the loops that flew "
+        "are not those of its parameters"
+    )
 
 
 def _judge(found: LoggedFlight, shown: ShownVehicle, progress: Callable[[float, str], None]) -> LoggedFlight:

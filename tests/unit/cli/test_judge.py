@@ -179,6 +179,18 @@ def test_gains_of_a_log_are_judged_on_the_vehicle_that_it_shows(quick, monkeypat
     assert "no --vehicle given" not in result.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("factor", "told"), [(60.0, True), (1.0, False)])
+def test_gains_that_flew_but_are_unstable_by_the_model_are_doubted(quick, monkeypatch, tmp_path, factor, told):
+    log = flown(60.0)
+    gains = {name: factor * value for name, value in log.parameters.items() if name.endswith("_P")}
+    monkeypatch.setattr(read, "read_log", lambda _: replace(log, parameters={**log.parameters, **gains}))
+    monkeypatch.setattr(judging, "improve", lambda *_: None)
+    document = json.loads(run(str(tmp_path / "flight.ulg"), "--json").stdout)
+    assert (document["verdict"] == "unstable") is told
+    assert document["remarks"][0].startswith("yet they flew 48 s in this log: ") is told
+
+
 def test_a_log_that_shows_no_vehicle_is_refused_with_the_way_out(monkeypatch, tmp_path):
     log = flown(60.0)
     monkeypatch.setattr(read, "read_log", lambda _: replace(log, command=None))

@@ -15,7 +15,7 @@ from gustproof.logs.read.flight_log import FlightLog
 from gustproof.show.report.judgement import title
 from gustproof.show.report.terminal import Renderable
 from gustproof.show.report.vehicle_numbers import identification_document, number_rows
-from gustproof.studies.logged_flight import LoggedFlight
+from gustproof.studies.logged_flight import LoggedFlight, contradiction
 from gustproof.studies.rate.filter_advice import QUIET, FilterChoice, best_choice
 
 _RAW_CURES = {
@@ -39,6 +39,8 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
             "judged on the vehicle that this log shows; no log shows a mass: torques are those of the inertia of iris, "
             "and angles, rates and margins do not depend on it"
         )
+        if doubt := contradiction(flight.log, flight.judgement):
+            yield doubt
         if (command := flight.judgement.vehicle.command) and command.unmeasured:
             yield f"not measured, a guess from the other axes: {', '.join(command.unmeasured)}"
 
