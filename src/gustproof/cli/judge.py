@@ -96,7 +96,7 @@ def judge(
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
-    remarks = (*_contradict(found, log if over is None else None), *remarks)
+    remarks = (*_contradict(found, log, over), *remarks)
     in_vain = (NONE_BETTER,) * (search and tuned is None)
     written = [*_save(tuned, vehicles.nominal, better), *filter(None, [output])]
     _tell(found, improved, (remarks, in_vain), output, as_json=as_json)
@@ -202,11 +202,11 @@ def _show_vehicle(path: Path, *, quiet: bool) -> "tuple[FlightLog, ShownVehicle]
     return log, found
 
 
-def _contradict(found: "Judgement", log: "FlightLog | None") -> tuple[str, ...]:
-    """Return the remark on gains that flew in the log but are unstable by the model, if there is one."""
+def _contradict(found: "Judgement", log: "FlightLog | None", over: str | None) -> tuple[str, ...]:
+    """Return the remark on gains that flew in the log but are unstable by the model; none for a file over it."""
     from gustproof.studies.logged_flight import contradiction
 
-    return tuple(filter(None, [contradiction(log, found)])) if log is not None else ()
+    return tuple(filter(None, [contradiction(log, found)])) if log is not None and over is None else ()
 
 
 def _describe_flown(flown: "ShownVehicle", own: "Scenario | None") -> str:
