@@ -210,11 +210,10 @@ def _contradict(found: "Judgement", log: "FlightLog | None", over: str | None) -
 
 
 def _describe_flown(flown: "ShownVehicle", own: "Scenario | None") -> str:
+    from gustproof.studies.logged_flight import NO_MASS
+
     air = "in the air that it flew in" if own else "not in its own air"
-    return (
-        f"on the vehicle that {flown.identification.source} shows, {air}; no log shows a mass: torques are those of "
-        "the inertia of iris, and angles, rates and margins do not depend on it"
-    )
+    return f"on the vehicle that {flown.identification.source} shows, {air}; {NO_MASS}"
 
 
 def _tell_default(context: typer.Context, log: "FlightLog | None", *, is_autopilot: bool) -> None:

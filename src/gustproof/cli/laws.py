@@ -214,20 +214,16 @@ def _read_over(
 
 
 def logged_parameters(path: Path, log: "FlightLog") -> "Mapping[str, float]":
-    """Return the parameters of a log.
+    """Return the parameters of a log, the file `path`.
 
     Raises
     ------
     ConfigError
         If there are none, or no gains that are known.
     """
-    from gustproof.design.loops.models import AUTOPILOTS
+    from gustproof.studies import logged_flight
 
-    if not log.parameters:
-        raise ConfigError(f"{path}: the log has no parameters")
-    if log.system in AUTOPILOTS:
-        try:
-            AUTOPILOTS[log.system].check_gains(log.parameters)
-        except ConfigError as error:
-            raise ConfigError(f"{path}: {error}") from None
-    return log.parameters
+    try:
+        return logged_flight.logged_parameters(log)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None

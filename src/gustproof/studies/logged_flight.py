@@ -1,6 +1,6 @@
 """All that the log of one flight tells: loops that flew, vibration, vehicle, and the judgement of its gains."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_model.config.scenario import load_scenario
@@ -13,6 +13,10 @@ from gustproof.logs.read.flight_log import FlightLog
 from gustproof.studies.rate.filter_advice import FilterChoice, weigh_filters
 from gustproof.studies.rate.judge import Judgement, Verdict, judge_law
 
+NO_MASS = (
+    "no log shows a mass: torques are those of the inertia of iris, and angles, rates and margins do not depend on it"
+)
+"""Remark on a judgement on the vehicle that a log shows."""
 _USUAL_AIR = "paper-turbulence"
 _FLEW_S = 10.0
 
@@ -73,6 +77,21 @@ def with_vehicle(found: LoggedFlight, shown: ShownVehicle) -> LoggedFlight:
     return replace(found, shown=shown, no_vehicle=refusal, no_judgement=refusal or "`gustproof report` judges gains")
 
 
+def logged_parameters(log: FlightLog) -> Mapping[str, float]:
+    """Return the parameters of a log.
+
+    Raises
+    ------
+    ConfigError
+        If there are none, or no gains that are known.
+    """
+    if not log.parameters:
+        raise ConfigError("the log has no parameters")
+    if log.system in AUTOPILOTS:
+        AUTOPILOTS[log.system].check_gains(log.parameters)
+    return log.parameters
+
+
 def contradiction(log: FlightLog, judgement: Judgement) -> str:
     """Return the remark on gains that are unstable by the model and flew all the same; empty for others."""
     aloft = sum(end - begin for begin, end in log.airborne)
@@ -89,10 +108,7 @@ def _judge(found: LoggedFlight, shown: ShownVehicle, progress: Callable[[float, 
     log, vehicles = found.log, shown.vehicles()
     if log.system not in AUTOPILOTS:
         raise ConfigError(f"gains of {log.system} are not known here: those of {' and '.join(AUTOPILOTS)} are")
-    if not log.parameters:
-        raise ConfigError("the log has no parameters")
-    AUTOPILOTS[log.system].check_gains(log.parameters)
-    model = autopilot_law(log.system, log.parameters, vehicles.nominal)
+    model = autopilot_law(log.system, logged_parameters(log), vehicles.nominal)
     air = shown.scenario() or load_scenario(_USUAL_AIR)
     judged = judge_law(model.law, vehicles, air, thrust_step=model.thrust_step, progress=progress)
     filters: tuple[FilterChoice, ...] = ()

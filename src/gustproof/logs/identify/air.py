@@ -80,7 +80,7 @@ class IdentifiedAir:
 
     @property
     def doubt(self) -> str:
-        """VibrationLine that says if the disturbance is unlike turbulence in the mean wind, else empty."""
+        """Line that says if the disturbance is unlike turbulence in the mean wind, else empty."""
         if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
             return ""
         return (

@@ -72,8 +72,8 @@ class FlownStep:
     """(n,) [-] 95 % interval."""
     high: Array
     """(n,) [-]."""
-    band: tuple[float, float] | None
-    """[rad/s] frequencies between which the coherence is at least .6; `None` if there are none."""
+    band: tuple[float, float]
+    """[rad/s] frequencies between which the coherence is at least .6."""
 
     @property
     def peak(self) -> float:
@@ -101,8 +101,8 @@ class FlownStep:
         begins = "never reaches half" if half is None else f"half after {1e3 * half:.0f} ms"
         rises = "never 90 %" if late is None else f"90 % after {1e3 * late:.0f} ms"
         peak = f"peak {self.peak:.2f} (at most {self.peak_high:.2f})"
-        band = "" if self.band is None else f"; coherent from {self.band[0]:.2g} to {self.band[1]:.2g} rad/s"
-        return f"{AXES[self.axis]} {self.loop.value}: {begins}, {rises}, {peak}{band}"
+        band = "coherent from {:.2g} to {:.2g} rad/s".format(*self.band)
+        return f"{AXES[self.axis]} {self.loop.value}: {begins}, {rises}, {peak}; {band}"
 
 
 def flown_steps(log: FlightLog) -> tuple[list[FlownStep], list[str]]:

@@ -66,12 +66,14 @@ class _Source(NamedTuple):
     columns: tuple[str, ...]
     scale: float = 1.0
     """SI unit of a step of its numbers."""
+    is_raw: bool = False
+    """True for a gyro before the autopilot's filters."""
 
 
 _GYRO = ("GyrX", "GyrY", "GyrZ")
 _SIGNALS = {
     "gyro": (
-        _Source("GYR", _GYRO),
+        _Source("GYR", _GYRO, is_raw=True),
         _Source("IMU", _GYRO),
         _Source("RATE", ("R", "P", "Y"), _DEGREE),
     ),
@@ -143,8 +145,7 @@ class _Parser:
         if len(table) == 0 or not {*source.columns} <= {*(table.dtype.names or ())}:
             return None
         values = np.column_stack([self._numbers(source.message, table, column) for column in source.columns])
-        is_raw = source.message == "GYR"
-        return Rows(position=places, time_us=_stamps(table), values=values * source.scale, is_raw=is_raw)
+        return Rows(position=places, time_us=_stamps(table), values=values * source.scale, is_raw=source.is_raw)
 
     def _numbers(self, name: str, table: NDArray[np.void], column: str) -> Array:
         layout, letters = self.layouts[name]

@@ -15,7 +15,7 @@ from gustproof.logs.read.flight_log import FlightLog
 from gustproof.show.report.judgement import title
 from gustproof.show.report.terminal import Renderable
 from gustproof.show.report.vehicle_numbers import identification_document, number_rows
-from gustproof.studies.logged_flight import LoggedFlight, contradiction
+from gustproof.studies.logged_flight import NO_MASS, LoggedFlight, contradiction
 from gustproof.studies.rate.filter_advice import QUIET, FilterChoice, best_choice
 
 _RAW_CURES = {
@@ -35,10 +35,7 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
     length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne)
     yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, {len(log.parameters)} parameters"
     if flight.judgement is not None:
-        yield (
-            "judged on the vehicle that this log shows; no log shows a mass: torques are those of the inertia of iris, "
-            "and angles, rates and margins do not depend on it"
-        )
+        yield f"judged on the vehicle that this log shows; {NO_MASS}"
         if doubt := contradiction(flight.log, flight.judgement):
             yield doubt
         if (command := flight.judgement.vehicle.command) and command.unmeasured:

@@ -110,18 +110,10 @@ def _history_groups(log: FlightLog) -> Iterator[ChartGroup]:
 
 def _history_chart(k: int, title: str, measured: LogSignal, asked: LogSignal | None) -> Chart:
     scale = math.degrees(1.0) if title.endswith("[deg]") else 1.0
-    curves = [_signal_curve("flown" if asked else "logged", 0, measured, scale * measured.values[:, k])]
+    curves = [_history("flown" if asked else "logged", 0, measured.time, scale * measured.values[:, k])]
     if asked is not None:
-        curves.append(_signal_curve("set-point", 1, asked, scale * asked.values[:, k], CurveStyle.DASHED))
+        curves.append(_history("set-point", 1, asked.time, scale * asked.values[:, k], CurveStyle.DASHED))
     return Chart(title=title, x_label="time [s]", kind=ChartKind.TIME, curves=tuple(curves))
-
-
-def _signal_curve(
-    label: str, colour: int, signal: LogSignal, values: Array, style: CurveStyle = CurveStyle.SOLID
-) -> Curve:
-    gap = max(_GAP_S, 3.0 * float(np.median(np.diff(signal.time))))
-    broken = np.where(np.diff(signal.time, prepend=signal.time[0]) > gap, np.nan, values)
-    return _curve(label, colour, *decimate(signal.time, broken), style)
 
 
 def _step_groups(steps: Sequence[FlownStep]) -> Iterator[ChartGroup]:
@@ -234,9 +226,10 @@ def _prediction_groups(found: Identification) -> Iterator[ChartGroup]:
         yield ChartGroup(title="Residual", charts=tuple(residuals))
 
 
-def _history(label: str, colour: int, time: Array, values: Array) -> Curve:
-    broken = np.where(np.diff(time, prepend=time[0]) > _GAP_S, np.nan, values)
-    return _curve(label, colour, *decimate(time, broken))
+def _history(label: str, colour: int, time: Array, values: Array, style: CurveStyle = CurveStyle.SOLID) -> Curve:
+    steps = np.diff(time, prepend=time[0])
+    broken = np.where(steps > max(_GAP_S, 3.0 * float(np.median(steps[1:]))), np.nan, values)
+    return _curve(label, colour, *decimate(time, broken), style)
 
 
 def _curve(label: str, colour: int | None, x: Array, y: Array, style: CurveStyle = CurveStyle.SOLID) -> Curve:
