@@ -206,6 +206,7 @@ def _tune_autopilot(
         for name, value in tuning.parameters.items():
             print(f"{name} {value:g}")
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
+    tell_remarks(written.law.name, written.outside_ranges())
     print(f"predicted: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
         print(f"parameters in {output}" + (f": step 1 of {len(steps) - 1}" if steps else ""))

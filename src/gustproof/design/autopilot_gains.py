@@ -7,7 +7,7 @@ searched again beside it.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -50,12 +50,14 @@ _LATENESS = 0.054
 """[s] actuator lag and delay for which `_START` is stated."""
 _LEAST, _LEAST_ANGLE_P, _LEAST_I = 1e-3, 0.5, 0.25
 """[-] least gain as a share of the fastest start's; least angle P and I, so that both hold against a steady moment."""
+_ANY = 1e-9, 1e9
+"""Range of a parameter without one."""
 _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
 _LARGEST_CORNER = 0.45
 """[-] largest corner of a filter as a share of the rate."""
-_K_STEPS, _K_MOST = 10.0, 5.0
-"""[-] steps of PX4's overall gains in 1, and the largest that it lists."""
+_K_STEPS = 10.0
+"""[-] steps in 1 of an overall gain above 1; a tenth of these below."""
 _UNSTABLE = 1e6
 """[rad] and [N*m/s] error and slew of a loop whose covariance overflows."""
 _DIGITS, _SLEW_MARGIN = 5, 1e-4
@@ -75,16 +77,14 @@ class _Structure(NamedTuple):
     """Names of corners common to the axes."""
     corners: tuple[float, float]
     """[Hz], [-] least corner of a filter, and largest as a share of the rate."""
-    angle_p: tuple[float, float, float]
-    """[1/s] largest angle P that ground stations take, about each axis."""
     rate_max: tuple[str, str, str]
     """Names of the largest commanded rate [deg/s] about each axis."""
-    rate_most: Mapping[str, float]
-    """[-] largest P and D of the rate loops in the autopilot's own list, above which its overall gain K is raised."""
     fixed: Mapping[str, float]
     """Values of others."""
     notches: tuple[str, ...]
     """Names of what switches a notch on; the others of a notch begin alike."""
+    is_law: bool = False
+    """True for the gains of a law, which no autopilot's document bounds."""
 
     def is_of_notch(self, name: str) -> bool:
         """Return whether a parameter is one of a notch."""
@@ -98,17 +98,7 @@ class _Structure(NamedTuple):
         """Return the structure with the limit of rates that laws have, and filters as fast as samples allow."""
         limit = min(math.degrees(vehicle.stabilizer.rate_limit), 1000.0)
         corners = self.corners[0], _LARGEST_CORNER
-        return self._replace(corners=corners, rate_most={}, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
-
-    def within_ranges(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the same loops, P and D divided by an overall gain K where they are above `rate_most`, I with them."""
-        found = dict(values)
-        for _, *gains in (names[:4] for names in self.own):
-            excess = max((values[name] / self.rate_most[name] for name in gains if name in self.rate_most), default=0.0)
-            if excess > 1.0:
-                overall = min(math.ceil(_K_STEPS * excess) / _K_STEPS, _K_MOST)
-                found |= {f"{gains[0].removesuffix('P')}K": overall, **{name: values[name] / overall for name in gains}}
-        return found
+        return self._replace(is_law=True, corners=corners, fixed={**self.fixed, **dict.fromkeys(self.rate_max, limit)})
 
 
 _PX4 = _Structure(
@@ -117,9 +107,7 @@ _PX4 = _Structure(
     ),
     shared=("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF"),
     corners=(10.0, _LARGEST_CORNER),
-    angle_p=(12.0, 12.0, 5.0),
     rate_max=("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"),
-    rate_most={"MC_ROLLRATE_P": 0.5, "MC_ROLLRATE_D": 0.01, "MC_PITCHRATE_P": 0.6, "MC_YAWRATE_P": 0.6},
     fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
                                        for each, value in (("K", 1.0), ("FF", 0.0))}},
     notches=("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF1_FRQ"),
@@ -131,9 +119,7 @@ _ARDUPILOT = _Structure(
     ),
     shared=("INS_GYRO_FILTER",),
     corners=(5.0, 0.25),
-    angle_p=(12.0, 12.0, 12.0),
     rate_max=("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX"),
-    rate_most={},
     fixed={f"ATC_RAT_{axis}_{each}": value for axis in ("RLL", "PIT", "YAW")
            for each, value in (("FLTT", 100.0), ("FLTE", 0.0), ("FF", 0.0), ("SMAX", 0.0), ("IMAX", 1.0))},
     notches=("INS_HNTCH_ENABLE", "INS_HNTC2_ENABLE"),
@@ -167,6 +153,12 @@ class AutopilotTuning:
         own = f"{math.degrees(self.seen_rmse):.3g} deg by its own attitude, without the walk of the gyro's noise"
         return f"error {math.degrees(self.rmse):.3g} deg ({own})"
 
+    def outside_ranges(self) -> list[str]:
+        """Return a line for each parameter that leaves the range which the autopilot documents."""
+        autopilot = AUTOPILOTS[self.kind]
+        told = {name: autopilot.describe_limit(name, value) for name, value in self.parameters.items()}
+        return [f"{name} {text}" for name, text in told.items() if text.startswith(("above", "below"))]
+
     def describe_notches(self) -> str:
         """Return what the gains take for granted about notches."""
         values = self.law.provenance.parameters
@@ -182,6 +174,7 @@ def tune_gains(
     slew: float,
     sensitivity_peak: float = 1.4,
     in_simulation: bool = True,
+    in_ranges: bool = True,
     flown: Mapping[str, float] = MappingProxyType({}),
     progress: Callable[[float, str], None] = lambda _share, _text: None,
 ) -> AutopilotTuning:
@@ -216,18 +209,14 @@ def tune_gains(
     most = (1.0 - _SLEW_MARGIN) * math.sqrt(slew**2 - rounding**2)
     whole = autopilot.whole if in_simulation else frozenset()
     search = _Search(autopilot, structure, vehicles, script, sensitivity_peak, most, torque, whole)
-    tries = list(product(_CORNER_PEAKS, _SPEEDS))
-    for number, (corner, speed) in enumerate(tries):
-        progress(number / len(tries), f"at most {corner * sensitivity_peak:.3g} off nominal")
-        values = search.run(corner, speed)
-        if values is not None:
-            break
-    else:
+    values = search.run_all([_find_ranges(autopilot, structure), {}] if in_ranges else [{}], progress)
+    if values is None:
         raise DesignError(
             f"no gains of {autopilot.name} found at sensitivity peak {sensitivity_peak:g}, "
             f"{_CORNER_PEAKS[-1] * sensitivity_peak:g} off nominal, and slew {slew:g} N*m/s"
         )
-    written = {name: float(f"{value:.{_DIGITS}g}") for name, value in structure.within_ranges(values).items()}
+    values |= _split_gains(autopilot, structure, values)
+    written = {name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}
     parameters = {**structure.fixed, **written}
     law = autopilot_law(
         kind,
@@ -266,6 +255,7 @@ def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
         f"torque slew {tuning.slew:.3g} N m/s, Ms {tuning.Ms:.2f}, {tuning.corner_Ms:.2f} over the file's spreads",
         f"gains and filters alone, for frame and motors {source}",
         tuning.describe_notches(),
+        *tuning.outside_ranges(),
     ]
     own = {name: f"{value:g}" for name, value in tuning.parameters.items() if not name.endswith(_LIMITS_OF_USERS)}
     write_parameters(own, path, GROUND_STATION_FORMS[tuning.kind], head)
@@ -303,13 +293,27 @@ class _Search:
         self._names = [*(name for own in structure.own for name in own), *structure.shared]
         self._whole = [place for place, name in enumerate(self._names) if name in whole]
 
-    def run(self, corner: float, speed: float) -> dict[str, float] | None:
+    def run_all(
+        self, choices: Sequence[Mapping[str, tuple[float, float]]], progress: Callable[[float, str], None]
+    ) -> dict[str, float] | None:
+        """Return the first parameters that are found: at the least peak off nominal, within the first ranges."""
+        tries = list(product(_CORNER_PEAKS, choices, _SPEEDS))
+        for number, (corner, ranges, speed) in enumerate(tries):
+            progress(number / len(tries), f"at most {corner * self._peak:.3g} off nominal")
+            values = self.run(corner, speed, ranges)
+            if values is not None:
+                return values
+        return None
+
+    def run(self, corner: float, speed: float, ranges: Mapping[str, tuple[float, float]]) -> dict[str, float] | None:
         """Return the parameters found from a start of a `speed` [-]; `None` if none are within the limits.
 
-        The peak off nominal is at most `corner` [-] times the nominal one.
+        The peak off nominal is at most `corner` [-] times the nominal one, and each parameter within its of `ranges`.
         """
         peaks = self._peak * np.array([1.0, *[corner] * (len(self._axes[0]) - 1)])
         start, low, high = self._start(speed)
+        least, most = np.log([ranges.get(name, _ANY) for name in self._names]).T
+        start, low, high = (np.clip(each, least, most) for each in (start, low, high))
         z = self._search(start, low, high, peaks)
         if z is not None and self._whole:  # the others make good for what rounding costs
             z[self._whole] = low[self._whole] = high[self._whole] = np.log(np.round(np.exp(z[self._whole])))
@@ -396,7 +400,8 @@ class _Search:
         least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
         filters = len(self._structure.own[0]) - 4
         rows = []
-        for axis, largest in enumerate(self._structure.angle_p):
+        for axis, (angle_p, *_) in enumerate(self._structure.own):
+            largest = self._autopilot.documented[angle_p][1] or math.inf
             unit, slowest = self._vehicle.inertia_B[axis] / self._torque[axis], min(_LEAST_ANGLE_P * angle, largest)
             rows += [(min(max(speed * angle, slowest), largest), slowest, largest)]
             rows += [(speed * unit * p, _LEAST * unit * p, unit * p / _LEAST)]
@@ -408,6 +413,38 @@ class _Search:
 
     def _name(self, values: Matrix) -> dict[str, float]:
         return dict(zip(self._names, values.tolist(), strict=True))
+
+
+def _find_ranges(autopilot: AutopilotLoops, structure: _Structure) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value of parameters by the autopilot's documents, an overall gain K in them."""
+    found: dict[str, tuple[float, float]] = {}
+    if structure.is_law:
+        return found
+    for name in [*(name for own in structure.own for name in own), *structure.shared]:
+        low, high = autopilot.find_range(name)
+        least, most = autopilot.find_range(_overall(name)) if _overall(name) in autopilot.settings else (1.0, 1.0)
+        found[name] = least * low, most * high
+    return found
+
+
+def _overall(gain: str) -> str:
+    return f"{gain[:-1]}K"
+
+
+def _split_gains(autopilot: AutopilotLoops, structure: _Structure, values: Mapping[str, float]) -> dict[str, float]:
+    """Return P, I and D of the same rate loops within their ranges, and the overall gains K that make them so."""
+    found: dict[str, float] = {}
+    for _, *gains in (names[:4] for names in structure.own):
+        overall = _overall(gains[0])
+        if overall in autopilot.settings and not structure.is_law:
+            lows, highs = zip(*(autopilot.find_range(name) for name in gains), strict=True)
+            excess = max(values[name] / high for name, high in zip(gains, highs, strict=True))
+            share = min(values[name] / low for name, low in zip(gains, lows, strict=True))
+            raised = min(math.ceil(_K_STEPS * excess) / _K_STEPS, autopilot.find_range(overall)[1])
+            lowered = max(math.floor(_K_STEPS**2 * share), 1.0) / _K_STEPS**2
+            K = raised if excess > 1.0 else min(lowered, 1.0)
+            found |= {overall: K, **{name: values[name] / K for name in gains}}
+    return found
 
 
 def corner_vehicles(vehicles: VehicleSet) -> list[Vehicle]:

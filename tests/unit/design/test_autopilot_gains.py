@@ -16,6 +16,7 @@ from gustproof.airframe.predict import predict
 from gustproof.design import autopilot_gains
 from gustproof.design.autopilot_gains import AutopilotTuning, corner_vehicles, save_tuning, tune_gains
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
+from gustproof.design.tune import default_slew
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 
@@ -102,18 +103,32 @@ def test_its_file_is_read_as_its_law(tuning: AutopilotTuning, tmp_path: Path) ->
     assert not [name for name in written if name.endswith(("_SMAX", "_IMAX"))]
 
 
-def test_gains_beyond_px4_s_ranges_are_told_by_an_overall_gain() -> None:
-    own = {f"MC_YAWRATE_{name}": value for name, value in (("P", 1.2145), ("I", 10.0), ("D", 0.0176))}
-    found = autopilot_gains._PX4.within_ranges({**dict.fromkeys(sum(autopilot_gains._PX4.own, ()), 0.003), **own})
-    assert found["MC_YAWRATE_K"] == 2.1
-    assert 0.57 < found["MC_YAWRATE_P"] <= 0.6
-    assert {"MC_ROLLRATE_K", "MC_PITCHRATE_K"}.isdisjoint(found)
+@pytest.mark.parametrize(("scale", "overall"), [(1.0, 2.1), (0.005, 0.6)], ids=["above", "below"])
+def test_gains_beyond_px4_s_ranges_are_told_by_an_overall_gain(scale: float, overall: float) -> None:
+    axis = "YAW" if scale == 1.0 else "ROLL"
+    own = {f"MC_{axis}RATE_{name}": scale * value for name, value in (("P", 1.2145), ("I", 10.0), ("D", 0.0176))}
+    values = {**dict.fromkeys(sum(autopilot_gains._PX4.own, ()), 0.01), **own}
+    found = autopilot_gains._split_gains(AUTOPILOTS["px4"], autopilot_gains._PX4, values)
+    assert found.pop(f"MC_{axis}RATE_K") == overall
+    found = {name: found[name] for name in own}
+    assert not [name for name, value in found.items() if AUTOPILOTS["px4"].describe_limit(name, value)]
     one, other = (
-        autopilot_law("px4", each, VEHICLES.nominal).law
-        for each in (own, {name: found[name] for name in (*own, "MC_YAWRATE_K")})
+        autopilot_law("px4", each, VEHICLES.nominal).law for each in (own, {**found, f"MC_{axis}RATE_K": overall})
     )
     assert np.allclose(one.D, other.D, rtol=1e-12)
     assert np.allclose(one.C, other.C, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("share", "outside"), [(1.0, []), (0.01, ["ATC_RAT_YAW_P below ArduPilot's limit, 0.1"])])
+def test_ranges_that_ardupilot_documents_are_kept_where_limits_allow(
+    share: float, outside: list[str], tmp_path: Path
+) -> None:
+    iris = load_vehicle_set("iris")
+    light = VehicleSet(document={**iris.document, "inertia_B": [share * each for each in iris.nominal.inertia_B]})
+    tuning = tune_gains("ardupilot", light, SCENARIO, slew=default_slew(light.nominal, SCENARIO))
+    save_tuning(tuning, light.nominal, tmp_path / "mine.param")
+    assert tuning.outside_ranges()[:1] == outside
+    assert all(f"# {each}" in (tmp_path / "mine.param").read_text() for each in tuning.outside_ranges())
 
 
 NOTCHES = {

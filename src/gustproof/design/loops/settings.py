@@ -16,6 +16,7 @@ _FEW = 4  # names that a remark lists
 _FASTEST = 2000  # [Hz] of loops that are judged
 _BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
 _NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
+_TINY = 1e-9  # least value of what has no documented one
 _AT_LIMIT = 1e-3  # relative distance within which a value is at a limit: the search stops as near
 
 
@@ -124,6 +125,11 @@ class AutopilotLoops(NamedTuple):
     def thrust_step(self, vehicle: Vehicle) -> float:
         """Return the step [N] to which a rotor's thrust is rounded in simulation; 0 if it is not rounded."""
         return vehicle.rotors.thrust_max / self.thrust_steps if self.thrust_steps else 0.0
+
+    def find_range(self, name: str) -> tuple[float, float]:
+        """Return the least and largest value [in its unit] of a parameter in documents; any positive one without."""
+        low, high = self.documented.get(name, (None, None))
+        return low or _TINY, high or math.inf
 
     def describe_limit(self, name: str, value: float) -> str:
         """Return what is to be said of a value at or beyond its documented limit; empty within."""
