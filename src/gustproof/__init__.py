@@ -11,27 +11,37 @@ from gustproof.version import __version__ as __version__
 
 
 @cache
-def _sources() -> dict[str, tuple[str, str]]:
-    """Return each public name with its module and its name there."""
+def stub_names(package: str) -> dict[str, tuple[str, str]]:
+    """Return each name that the stub of a package imports, with its module and its name there."""
     import ast
     from pathlib import Path
 
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom) and node.module]
-    return {alias.asname or alias.name: (str(node.module), alias.name) for node in imports for alias in node.names}
+    stub = ast.parse(Path(str(import_module(package).__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
+    found: dict[str, tuple[str, str]] = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                names = {alias.asname or alias.name: (node.module, alias.name)}
+                found |= stub_names(node.module) if alias.name == "*" else names
+    return found
+
+
+def load_name(package: str, name: str) -> object:
+    """Return a public name of a package, or `__all__`; its module is imported when it is first used (PEP 562)."""
+    sources = stub_names(package)
+    if name == "__all__":
+        return sorted(sources)
+    if name not in sources:
+        raise AttributeError(f"module '{package}' has no attribute '{name}'")
+    module, attribute = sources[name]
+    return getattr(import_module(module), attribute)
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first used (PEP 562)."""
-    if name == "__all__":
-        return sorted(_sources())
-    if name not in _sources():
-        raise AttributeError(f"module 'gustproof' has no attribute '{name}'")
-    module, attribute = _sources()[name]
-    value = globals()[name] = getattr(import_module(module), attribute)
-    return value
+    """Import a public name when it is first used."""
+    return load_name(__name__, name)
 
 
 def __dir__() -> list[str]:
     """Return the public names."""
-    return sorted(_sources())
+    return sorted(stub_names(__name__))

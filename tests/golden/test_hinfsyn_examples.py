@@ -7,8 +7,8 @@ import control
 import pytest
 
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.robust.lti.state_space import Lti, gain
+from gustproof.robust.uncertain.interconnection import Block, Interconnection, Signal, Sum
 
 GOLDEN = json.loads((Path(__file__).parent / "hinfsyn.json").read_text(encoding="utf-8"))
 PRINTED = 0.005

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import FullBlock
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import Lti, Matrix, lft
 from gustproof.robust.mu.minimum_phase import MinimumPhase
 from gustproof.robust.mu.scaled_plant import dynamic_filters, transform
 from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.singular_value import mu
+from gustproof.robust.uncertain.interconnection import Block, Interconnection, Signal, Sum
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import FullBlock
 
 EXAMPLES = json.loads((Path(__file__).parent / "mu.json").read_text(encoding="utf-8"))
 EXAMPLE = EXAMPLES["distillation"]

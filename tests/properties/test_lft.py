@@ -4,10 +4,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gustproof.robust.lft.reduction import simplify
-from gustproof.robust.lft.uncertain_system import Uncertain, append, as_uncertain, close_loop, star
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
-from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.lti.state_space import Lti, as_lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft, simplify
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock
 
 ROUNDING = 1e-8
 """Relative to the largest entry; loops are kept well posed, with a condition below some 1e4."""
@@ -32,12 +31,13 @@ def systems(draw: st.DrawFn, size: int = 2, full: str = "") -> Uncertain:
 
 
 def deltas(*of: Uncertain) -> dict[str, object]:
-    return dict(append(*of).samples(1, 11)[0])
+    return append(*of).sample(1, 11)[0]
 
 
 def value(system: Uncertain, delta: dict[str, object]) -> np.ndarray:
     names = {block.name for block in system.blocks}
-    return system.substitute({name: part for name, part in delta.items() if name in names}).response(WHERE)[0]
+    member = system.substitute({name: part for name, part in delta.items() if name in names})
+    return as_lti(member).response(WHERE)[0]
 
 
 def same(ours: np.ndarray, expected: np.ndarray) -> bool:
@@ -78,10 +78,10 @@ def test_a_star_product_is_the_closed_loop_formula(P, Q):
     p11, p12, p21, p22 = p[:2, :2], p[:2, 2:], p[2:, :2], p[2:, 2:]
     loop = np.eye(2) - 0.02 * q @ p22
     expected = p11 + 0.02 * p12 @ np.linalg.solve(loop, q @ p21)
-    assert same(value(star(P, 0.02 * np.eye(2) @ Q, 2, 2), delta), expected)
+    assert same(value(lft(P, 0.02 * np.eye(2) @ Q, 2, 2), delta), expected)
     known = Q.nominal_system()
     scaled = as_uncertain(0.02 * np.eye(2)) @ known
-    assert same(value(close_loop(P, scaled.M), delta), value(star(P, scaled, 2, 2), delta))
+    assert same(value(lft(P, scaled.M), delta), value(lft(P, scaled, 2, 2), delta))
 
 
 @settings(deadline=None, max_examples=40)

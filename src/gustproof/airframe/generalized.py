@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from firmware_model.config.vehicle import Vehicle
 from gustproof.airframe.lpv import actuators, airframe, inner_loops, rate_loop
-from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.robust.lti.state_space import Lti, Matrix, gain
+from gustproof.robust.uncertain.interconnection import Block, Interconnection, Signal, Sum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

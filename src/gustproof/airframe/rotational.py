@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from firmware_model.config.vehicle import Vehicle
-from gustproof.robust.lft.uncertain_system import Uncertain, append, as_uncertain, star, system_from_matrix, ureal
 from gustproof.robust.lti.state_space import Matrix, gain
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft, system_from_matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,14 +48,14 @@ def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Unce
 
     Moments of inertia (3,) [kg*m^2] B may be uncertain; each uncertain one adds one inverse and two factors to Delta.
     """
-    t = ureal("t", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
-    v = ureal("v", low=-math.tan(envelope.angle / 2.0), high=math.tan(envelope.angle / 2.0))
-    q, r = (ureal(name, low=-envelope.rate, high=envelope.rate) for name in ("q", "r"))
+    t = ureal("t", range=(-math.tan(envelope.angle / 2.0), math.tan(envelope.angle / 2.0)))
+    v = ureal("v", range=(-math.tan(envelope.angle / 2.0), math.tan(envelope.angle / 2.0)))
+    q, r = (ureal(name, range=(-envelope.rate, envelope.rate)) for name in ("q", "r"))
     # (b, a) = (I - t J)^-1 (I + t J) (q, r) is a rotation by phi: t acts on the sum of input and output
     J = np.array([[0.0, -1.0], [1.0, 0.0]])
-    bank = star(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), append(t, t), 2, 2)
+    bank = lft(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), append(t, t), 2, 2)
     # (1 + v) / (1 - v) and its inverse act on a: half their difference is tan(theta), half their sum 1 / cos(theta)
-    tilt = star(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), append(v, v), 2, 2)
+    tilt = lft(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), append(v, v), 2, 2)
     rotated = append(1.0, 1.0, tilt) @ append(1.0, bank)
     kinematics = _as_matrix([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ rotated
     products = append(r, r, q) @ _as_matrix([[0, 1, 0], [1, 0, 0], [1, 0, 0]])
@@ -68,9 +69,9 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
     A(rho) (Kumar and Bhattacharya, Eq. 3, corrected). Same channels as `rotation`.
     """
     s, c = math.sin(envelope.angle), math.cos(envelope.angle)
-    rho1, rho3 = (ureal(name, low=-s, high=s) for name in ("rho1", "rho3"))
-    rho2, rho4 = (ureal(name, low=c, high=1.0) for name in ("rho2", "rho4"))
-    p, q, r = (ureal(f"rho{k}", low=-envelope.rate, high=envelope.rate) for k in (5, 6, 7))
+    rho1, rho3 = (ureal(name, range=(-s, s)) for name in ("rho1", "rho3"))
+    rho2, rho4 = (ureal(name, range=(c, 1.0)) for name in ("rho2", "rho4"))
+    p, q, r = (ureal(f"rho{k}", range=(-envelope.rate, envelope.rate)) for k in (5, 6, 7))
     # (q, r) to (b, a), then a to (a tan(theta), a / cos(theta)): one division by rho4 serves both
     bank = (
         _as_matrix([[1, 0, 0, -1], [0, 1, 1, 0]])
@@ -104,7 +105,7 @@ def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_
     Examples
     --------
     >>> from gustproof import load_vehicle, uncertain_actuators, ureal
-    >>> actuators = uncertain_actuators(load_vehicle("paper"), lag=ureal("lag", low=0.07, high=0.13))
+    >>> actuators = uncertain_actuators(load_vehicle("paper"), lag=ureal("lag", range=(0.07, 0.13)))
     >>> (actuators.n_inputs, actuators.M.order)
     (3, 3)
     """

@@ -82,7 +82,7 @@ def worst_case(
     from pydantic_core import to_jsonable_python
 
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.robust.lft.uncertainty import Spreads
+    from gustproof.robust.uncertain.uncertainty import Spreads
     from gustproof.studies.worst_case.moment_search import worst_case as search
 
     moment = parse_positive_vector("--moment", budget)

@@ -16,10 +16,10 @@ from gustproof.law.discretize import central_law
 from gustproof.law.form import Law, Output, Provenance
 from gustproof.robust.hinf.checked_controller import CheckedController
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
-from gustproof.robust.lft.interconnection import Interconnection
 from gustproof.robust.lpv.lpvsyn import LftController
 from gustproof.robust.lti.margins import LoopMargins, Margins, margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
+from gustproof.robust.uncertain.interconnection import Interconnection
 
 _AXES = ("roll", "pitch", "yaw")
 

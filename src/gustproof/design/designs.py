@@ -11,9 +11,9 @@ from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.vehicle import Vehicle
 from gustproof.airframe.generalized import Weights, rates_problem, torque_problem
 from gustproof.design.inner_loops import InnerLoops
-from gustproof.robust.lft.interconnection import Interconnection
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.lti.weights import constant_weight, first_order_weight
+from gustproof.robust.uncertain.interconnection import Interconnection
 
 DESIGNS = Path(__file__).parent / "data"
 

@@ -10,12 +10,12 @@ from gustproof.airframe.rotational import Envelope
 from gustproof.design.designs import Design
 from gustproof.design.methods import uncertain_plant
 from gustproof.errors import DesignError
-from gustproof.robust.lft.interconnection import Interconnection
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.structured.blocks import decoupled_structure, observer_structure
 from gustproof.robust.structured.goals import Goal
 from gustproof.robust.structured.hinfstruct import Progress, StructResult, hinfstruct
 from gustproof.robust.structured.robust import robust_hinfstruct
+from gustproof.robust.uncertain.interconnection import Interconnection
 
 _AXES = 3
 

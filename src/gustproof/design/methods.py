@@ -15,11 +15,11 @@ from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.lft_gain import certify_lft
 from gustproof.robust.hinf.checked_controller import CheckedController
 from gustproof.robust.hinf.h2syn import h2syn
-from gustproof.robust.lft.interconnection import Interconnection
-from gustproof.robust.lft.uncertain_system import Uncertain, star
 from gustproof.robust.lpv.lpvsyn import LftController, lpvsyn
 from gustproof.robust.lti.state_space import Lti, gain, series
 from gustproof.robust.mu.musyn import musyn
+from gustproof.robust.uncertain.interconnection import Interconnection
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
 
 AXES = ("roll", "pitch", "yaw")
 _CORNER = 1.0 / 6.0
@@ -103,7 +103,7 @@ def solve_lpv(
     result = lpvsyn(plant, problem.n_meas, problem.n_con, backoff=design.backoff)
     assert isinstance(result, LftController)  # the plant is an LFT
     progress(0.2, f"level {result.gamma:.4g}, proving the gain")
-    certificate = certify_lft(star(plant, result.scheduled, problem.n_meas, problem.n_con), assumes={})
+    certificate = certify_lft(lft(plant, result.scheduled, problem.n_meas, problem.n_con), assumes={})
     return replace(result, checks=(*result.checks, _describe_proof(certificate)))
 
 

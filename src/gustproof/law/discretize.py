@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from gustproof.law.form import GRAVITY_AIDED_SIZE, GYRO_REFERENCE_SIZE, Law, Output, Provenance, RateLimit, Schedule
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_continuous
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 TANGENTS = {"t": "phi", "v": "theta"}
 """Angle by the name of the tangent of its half, as in `gustproof.airframe.rotational`."""

@@ -10,9 +10,9 @@ import numpy as np
 from gustproof.law.discretize import TANGENTS
 from gustproof.law.form import ANGLES, GYRO_REFERENCE_SIZE, Law, Schedule
 from gustproof.law.resample import continuous_origin
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 _NAMES = {angle: tangent for tangent, angle in TANGENTS.items()}
 

@@ -15,19 +15,18 @@ from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.exact_loop import loop_radius
 from gustproof.robust.gain.lft_gain import certify_lft
 from gustproof.robust.gain.parts import Delay, Part, Sector, Slope
-from gustproof.robust.lft.interconnection import Interconnection
-from gustproof.robust.lft.uncertain_system import (
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti
+from gustproof.robust.uncertain.elements import ultidyn
+from gustproof.robust.uncertain.interconnection import Interconnection
+from gustproof.robust.uncertain.uncertain_system import (
     Uncertain,
     append,
     as_uncertain,
-    close_loop,
-    connect,
-    star,
+    fill_diagram,
+    lft,
     system_from_matrix,
-    ultidyn,
 )
-from gustproof.robust.lft.uncertainty import RealBlock, rows
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_continuous, as_lti
+from gustproof.robust.uncertain.uncertainty import RealBlock, rows
 
 _SAME_RANGE = 1e-9
 """[-] relative difference of ranges that counts as rounding."""
@@ -197,14 +196,14 @@ def attitude_loop(
     P = _driven_plant(problem, envelope, delay, saturation)
     if isinstance(controller, Uncertain | Law):
         turned = continuous_controller(controller) if isinstance(controller, Law) else controller
-        return star(P, _within_envelope(turned, P)[0], turned.n_inputs, turned.n_outputs)
+        return lft(P, _within_envelope(turned, P)[0], turned.n_inputs, turned.n_outputs)
     K = as_continuous("the controller", controller)
     if not scheduled:
-        return close_loop(P, K)
+        return lft(P, K)
     n, dynamics = K.order, rotation(_airframe(problem)[2], envelope)
     excess = (dynamics + -dynamics.nominal_system().D) @ np.eye(9, 6)  # what A(rho) adds to hover's
     system = np.block([[K.A, K.B], [K.C, K.D]]) + np.eye(n + K.n_outputs, 6) @ excess @ np.eye(6, n + K.n_inputs)
-    return star(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
+    return lft(P, system_from_matrix(system, n), K.n_inputs, K.n_outputs)
 
 
 def law_rounding(
@@ -265,7 +264,7 @@ def attitude_plant(problem: Interconnection, envelope: Envelope) -> Uncertain:
     """Return the plant of a design problem, from (w, u) to (z, y), with exact rotation over the envelope."""
     leak, damping, inertia_B = _airframe(problem)
     dynamics = rotation(inertia_B, envelope)
-    return connect(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
+    return fill_diagram(problem, {"airframe": uncertain_airframe(dynamics, leak=leak, rate_damping=damping)})
 
 
 def _command_path(n: int, delay: Delay | None, saturation: float | None) -> Uncertain:

@@ -13,8 +13,8 @@ from gustproof.airframe.rotational import (
     uncertain_airframe,
 )
 from gustproof.design.designs import design_problem, load_design
-from gustproof.robust.lft.reduction import simplify
-from gustproof.robust.lft.uncertain_system import connect, ureal
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import fill_diagram, simplify
 
 PAPER = load_vehicle("paper")
 WIDE = Envelope(angle=1.5, rate=3.0)
@@ -84,12 +84,12 @@ def test_the_papers_twelve_channels_give_its_matrix_and_the_same_derivative():
 
 
 def test_uncertain_inertia_keeps_eulers_equation():
-    I_x = ureal("I_x", low=0.2, high=0.35)
-    model = rotation((I_x, 0.2, ureal("I_z", low=0.08, high=0.1, nominal=0.09)), Envelope(angle=0.5, rate=1.0))
+    I_x = ureal("I_x", range=(0.2, 0.35))
+    model = rotation((I_x, 0.2, ureal("I_z", range=(0.08, 0.1), nominal=0.09)), Envelope(angle=0.5, rate=1.0))
     E, omega, moment = np.array([[0.2, -0.4, 1.0]]), np.array([[0.5, -0.3, 0.8]]), np.array([[0.1, 0.2, -0.3]])
     for x, z in ((0.2, 0.1), (0.31, 0.085)):
         delta = model.delta({**half_angles(E[0], omega[0]), "I_x": x, "I_z": z})
-        ours = model.substitute(delta).D @ np.hstack([E, omega, moment])[0]
+        ours = model.member(delta).D @ np.hstack([E, omega, moment])[0]
         assert ours == pytest.approx(rigid_body(E, omega, moment, np.array([x, 0.2, z]))[0], rel=EXACT)
 
 
@@ -103,13 +103,11 @@ def test_at_the_middle_of_the_envelope_the_airframe_is_the_one_at_hover(damping)
 
 def test_actuators_share_one_lag_and_one_gain():
     model = uncertain_actuators(
-        PAPER, lag=ureal("lag", low=0.03, high=0.08, nominal=0.05), gain_=ureal("gain", low=0.7, high=1.2)
+        PAPER, lag=ureal("lag", range=(0.03, 0.08), nominal=0.05), gain_=ureal("gain", range=(0.7, 1.2))
     )
-    member = model.substitute(model.delta({"lag": 0.04, "gain": 0.7})).response(12.0)[0]
+    member = model.member(model.delta({"lag": 0.04, "gain": 0.7})).response(12.0)[0]
     assert member == pytest.approx(np.eye(3) * 0.7 / (1.0 + 12.0j * 0.04), rel=EXACT)
-    assert uncertain_actuators(PAPER).substitute({}).response(3.0)[0] == pytest.approx(
-        actuators(PAPER).response(3.0)[0]
-    )
+    assert uncertain_actuators(PAPER).member({}).response(3.0)[0] == pytest.approx(actuators(PAPER).response(3.0)[0])
 
 
 @pytest.mark.parametrize(("angle", "rate", "named"), [(0.0, 1.0, "angle"), (1.6, 1.0, "angle"), (0.3, 0.0, "rate")])
@@ -120,7 +118,7 @@ def test_an_envelope_with_a_singularity_or_no_inside_is_refused(angle, rate, nam
 
 def test_a_design_problem_takes_the_uncertain_airframe_by_its_label():
     problem = design_problem(load_design("D2"), PAPER)
-    P = connect(
+    P = fill_diagram(
         problem, {"airframe": uncertain_airframe(rotation(PAPER.inertia_B, WIDE), leak=0.05, rate_damping=0.05)}
     )
     assert (P.n_inputs, P.n_outputs, P.M.order) == (9, 9, 9)

@@ -20,9 +20,9 @@ from gustproof.prove.boundedness import certify_boundedness
 from gustproof.robust.gain import lft_gain
 from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.hinf.checked_controller import CheckedController
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lpv.lpvsyn import LftController
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 
 def run(*arguments: str):
@@ -133,10 +133,10 @@ def test_lpv_designs_a_law_with_a_schedule_and_certify_takes_its_loop_out_of_the
     certified = CliRunner().invoke(app, ["certify", "gain", str(path), "--angle-rad", "0.005", "--rate-rad-s", "0.025"])
     assert certified.exit_code == 0, certified.output
     designed, read = loops
-    for delta in designed.samples(2, 1):
+    for delta in ({block.name: share for block in designed.blocks} for share in (-0.4, 0.7)):
         rates = {name: 0.5 * value for name, value in delta.items() if name in "qr"}  # within the envelope of both
-        own = designed.substitute(rates)
-        other = read.substitute({name: 2.0 * value for name, value in rates.items()})
+        own = designed.member(rates)
+        other = read.member({name: 2.0 * value for name, value in rates.items()})
         np.testing.assert_allclose(other.response([0.5, 20.0]), own.response([0.5, 20.0]), rtol=1e-6, atol=1e-9)
     for options, words in (
         (("gain", "--angle-rad", "0.01", "--rate-rad-s", "0.1"), "scheduled on 'q' up to 0.05, the envelope is 0.1"),

@@ -26,7 +26,6 @@ from gustproof.robust.hinf import h2syn as h2
 from gustproof.robust.hinf import hinfsyn as hinf
 from gustproof.robust.hinf.h2syn import h2syn
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lpv import lpvsyn as lpv
 from gustproof.robust.lpv import reconstruction
 from gustproof.robust.lpv.lpvsyn import lpvsyn
@@ -44,6 +43,7 @@ from gustproof.robust.structured.blocks import (
 )
 from gustproof.robust.structured.goals import GainGoal, RollOffGoal
 from gustproof.robust.structured.hinfstruct import hinfstruct
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 PLANT = Lti(
     A=[[1.0]],

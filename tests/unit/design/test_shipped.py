@@ -22,8 +22,8 @@ from gustproof.flight.routes.batch import Case, fly_many
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import Metrics, attitude, measure
 from gustproof.law.form import Law, list_laws, load_law
-from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.uncertain.uncertainty import Spreads
 
 
 def assert_same(law: Law, shipped: Law, *, rtol: float) -> None:

@@ -11,9 +11,9 @@ from gustproof.law.discretize import central_law
 from gustproof.law.form import Output, Provenance, load_law
 from gustproof.law.resample import resample
 from gustproof.law.schedule import continuous_controller, corners, law_at
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock
 
 BLOCKS = (
     RealBlock(name="v", low=-0.2, high=0.2, nominal=0.0, repeats=2),
@@ -44,7 +44,7 @@ def test_at_constant_parameters_the_law_is_the_sampled_controller_of_these():
     assert law.schedule.parameters == ("theta", "theta", "q", "phi")
     values = {"theta": 0.1, "q": -0.4, "phi": 0.5}
     delta = {"v": math.tan(0.05) / 0.2, "q": -0.8, "t": math.tan(0.25) / 0.3}
-    expected = linear_law(sampled(K.substitute(delta))).response(OMEGA)
+    expected = linear_law(sampled(K.member(delta))).response(OMEGA)
     np.testing.assert_allclose(linear_law(law_at(law, values)).response(OMEGA), expected, rtol=1e-9)
     level = linear_law(sampled(K.nominal_system())).response(OMEGA)
     np.testing.assert_allclose(linear_law(law).response(OMEGA), level, rtol=1e-12)
@@ -59,8 +59,8 @@ def test_the_continuous_controller_comes_back_out_of_the_law():
     assert [(block.name, block.high, block.repeats) for block in back.blocks] == [
         ("t", pytest.approx(0.3), 1), ("q", 0.5, 1), ("v", pytest.approx(0.2), 2),
     ]  # fmt: skip
-    for delta in K.samples(3, 0):
-        own, other = (each.substitute(delta).response(OMEGA) for each in (K, back))
+    for delta in ({block.name: share for block in K.blocks} for share in (-0.4, 0.0, 0.7)):
+        own, other = (each.member(delta).response(OMEGA) for each in (K, back))
         np.testing.assert_allclose(other, own, rtol=1e-8)
 
 

@@ -24,8 +24,9 @@ from gustproof.prove.attitude_gain import attitude_loop, certify_gain, command_p
 from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.lft_gain import certify_lft, derived_loop
 from gustproof.robust.gain.parts import Delay, Part, Sector, Slope
-from gustproof.robust.lft.uncertain_system import Uncertain, append, close_loop, ultidyn, ureal
 from gustproof.robust.lti.state_space import Lti, as_lti
+from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, lft
 
 K = 2.0
 MARGIN = (math.pi - math.acos(1.0 / K)) / math.sqrt(K**2 - 1.0)
@@ -122,7 +123,7 @@ def test_the_example_of_the_slope_in_the_iqc_toolbox_is_proved():
 
 
 def test_parameters_of_any_speed_and_a_delay_are_proved_together():
-    pole = ureal("rate", low=0.8, high=1.2)
+    pole = ureal("rate", range=(0.8, 1.2))
     loop = append(late(), pole)
     closed = np.array([[1.0, 0.0]]) @ loop @ np.array([[1.0], [0.0]]) @ pole
     certificate = prove(closed, late=Delay(largest=0.3))
@@ -168,9 +169,9 @@ def test_a_saturated_integrator_has_no_gain():
         (lambda: Delay(largest=1.0, varying=True, poles=(1.0,)), "has no poles"),
         (lambda: Slope(poles=(math.inf,)), "must be positive"),
         (lambda: prove(restless(ultidyn("late")), late=Delay(largest=0.1)), "continuous and stable at Delta = 0"),
-        (lambda: certify_lft(restless(ureal("pole", low=-1.0, high=1.0)), assumes={}), "stable at Delta = 0"),
+        (lambda: certify_lft(restless(ureal("pole", range=(-1.0, 1.0))), assumes={}), "stable at Delta = 0"),
         (
-            lambda: certify_lft(restless(ureal("a b", low=-1.0, high=1.0)), assumes={}),
+            lambda: certify_lft(restless(ureal("a b", range=(-1.0, 1.0))), assumes={}),
             "block 'a b': .* by ASCII letters",
         ),
         (lambda: command_parts(None, 1.0), r"saturation is 1\.0, must be above 1"),
@@ -305,4 +306,4 @@ def test_the_papers_law_keeps_a_gain_with_commands_half_above_their_limit():
 def test_a_loop_without_channels_has_no_gain():
     plant = ss(-1.0, 2.0, 1.0, 0.0) @ ultidyn("late")
     with pytest.raises(ValueError, match="no inputs or no outputs left"):
-        certify_lft(close_loop(plant, ss([], [], [], -1.0)), assumes={}, parts={"late": Delay(largest=0.5)})
+        certify_lft(lft(plant, ss([], [], [], -1.0)), assumes={}, parts={"late": Delay(largest=0.5)})

@@ -9,9 +9,9 @@ from gustproof.checker.rational import add, identity, multiply, scale
 from gustproof.law.resample import continuous_origin
 from gustproof.robust.gain import exact_loop
 from gustproof.robust.gain.exact_loop import exact_origin, loop_radius
-from gustproof.robust.lft.uncertain_system import Uncertain, star
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock
 
 RNG = np.random.default_rng(7)
 SAMPLED = Lti(
@@ -66,11 +66,11 @@ def test_the_radius_holds_every_loop_of_a_rounded_plant_and_is_not_much_wider(mo
     share = 2.0**-20
     monkeypatch.setattr(exact_loop, "ROUNDING", Fraction(share))
     P, shares = plant(), [1.0, 1.0, 1.0]
-    loop = star(P, LAW, 2, 2)
+    loop = lft(P, LAW, 2, 2)
     radius = {name: np.array(M, dtype=float) for name, M in loop_radius(P, LAW, SAMPLED, shares, loop).items()}
     reached = 0.0
     for _ in range(40):
-        other = star(moved(P, share), LAW, 2, 2)
+        other = lft(moved(P, share), LAW, 2, 2)
         for name, limit in radius.items():
             distance = np.abs(getattr(other.M, name) - getattr(loop.M, name))
             assert np.all(distance <= (1.0 + 1e-6) * limit + 1e-12)
@@ -80,11 +80,11 @@ def test_the_radius_holds_every_loop_of_a_rounded_plant_and_is_not_much_wider(mo
 
 def test_a_loop_of_other_numbers_than_the_laws_is_at_their_distance():
     P = plant()
-    loop = star(P, LAW, 2, 2)
+    loop = lft(P, LAW, 2, 2)
     assert max(float(np.max(np.array(M, dtype=float))) for M in radius_of(P, loop).values()) < 1e-7
     A = LAW.M.A.copy()
     A[1, 2] += 1e-3
-    wrong = star(P, Uncertain(M=Lti(A=A, B=LAW.M.B, C=LAW.M.C, D=LAW.M.D), blocks=LAW.blocks), 2, 2)
+    wrong = lft(P, Uncertain(M=Lti(A=A, B=LAW.M.B, C=LAW.M.C, D=LAW.M.D), blocks=LAW.blocks), 2, 2)
     assert float(radius_of(P, wrong)["A"][5][6]) == pytest.approx(1e-3, rel=1e-3)
 
 
@@ -97,7 +97,7 @@ def test_of_a_smaller_range_only_a_share_is_known():
     M = LAW.M
     factors = np.array([*shares, 1.0, 1.0])
     turned = Uncertain(M=Lti(A=M.A, B=M.B * factors, C=M.C, D=M.D * factors), blocks=LAW.blocks)
-    loop = star(P, turned, 2, 2)
+    loop = lft(P, turned, 2, 2)
     exact = loop_radius(P, turned, SAMPLED, shares, loop)
     # the law's states see its own copies of t after the plant's: columns of q (2 + 1), late, t (1 + 2)
     of_q, of_t = (float(exact["B"][4][column]) for column in (2, 5))
@@ -108,4 +108,4 @@ def test_of_a_smaller_range_only_a_share_is_known():
 def test_a_plant_that_passes_commands_to_measurements_is_refused():
     P = plant(0.1)
     with pytest.raises(ValueError, match="passes a command to a measurement at once"):
-        radius_of(P, star(P, LAW, 2, 2))
+        radius_of(P, lft(P, LAW, 2, 2))

@@ -18,7 +18,8 @@ from gustproof.law.form import law_path
 from gustproof.prove.boundedness import certify_boundedness
 from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.lft_gain import certify_lft
-from gustproof.robust.lft.uncertain_system import Uncertain, system_from_matrix, ureal
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, system_from_matrix
 
 MOMENT = (0.65, 0.65, 0.3)
 VEHICLE = vehicle_path("paper").read_text(encoding="utf-8")
@@ -42,7 +43,7 @@ def flight(name: str = "flagship", **options: Any) -> Evidence:
 
 def lag(spread: float) -> Uncertain:
     """Return `x' = -(1 + spread delta) x + w`, z = x."""
-    rate = ureal("rate", low=1.0 - spread, high=1.0 + spread)
+    rate = ureal("rate", range=(1.0 - spread, 1.0 + spread))
     pole = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 0.0]])
     return system_from_matrix(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
 

@@ -18,20 +18,21 @@ from gustproof.robust.gain.lft_gain import certify_lft, derived_loop
 from gustproof.robust.gain.symmetry import mirror_group
 from gustproof.robust.gain.worst_schedule import worst_schedule, worst_triangle_schedule
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain, append, system_from_matrix, ureal
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, system_from_matrix
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "slow_gain_d2.json"
 
 
 def spring(spread: float = 0.9) -> Uncertain:
     """Return `x'' + .2 x' + (1 + spread delta) x = w`, z = x: each frozen member is stable, switching destabilises."""
-    stiffness = ureal("stiffness", low=1.0 - spread, high=1.0 + spread)
+    stiffness = ureal("stiffness", range=(1.0 - spread, 1.0 + spread))
     force = np.array([[0.0], [1.0], [0.0]]) @ stiffness @ np.array([[-1.0, 0.0, 0.0]])
     return system_from_matrix(force + np.array([[0.0, 1.0, 0.0], [0.0, -0.2, 1.0], [1.0, 0.0, 0.0]]), 2)
 
 
 def frozen(loop: Uncertain, delta: float) -> float:
-    system = loop.substitute({"stiffness": delta})
+    system = loop.member({"stiffness": delta})
     responses = system.response(np.linspace(1e-3, 3.0, 4000))
     return float(np.max(np.abs(responses)))
 
@@ -127,7 +128,7 @@ def test_a_proof_for_every_corner_is_asked_for(certificate):
 
 
 def test_a_loop_that_is_unstable_at_rest_has_no_multipliers():
-    unstable = system_from_matrix(np.diag([1.0, 1.0]) @ append(ureal("rate", low=0.5, high=1.5), 1.0), 1)
+    unstable = system_from_matrix(np.diag([1.0, 1.0]) @ append(ureal("rate", range=(0.5, 1.5)), 1.0), 1)
     with pytest.raises(ValueError, match="continuous and stable"):
         certify_lft(unstable, assumes={}, speeds={"rate": 1.0})
 
@@ -182,10 +183,8 @@ def test_the_mirrors_of_a_loop_leave_it_as_it_is():
         (-1, 1, -1, 1),
     }  # left for right: roll and yaw rate turn
     for mirror in group:
-        turned = loop.substitute(
-            {block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)}
-        )
-        held = loop.substitute({block.name: 0.5 for block in loop.blocks})
+        turned = loop.member({block.name: 0.5 * sign for block, sign in zip(loop.blocks, mirror.delta, strict=True)})
+        held = loop.member({block.name: 0.5 for block in loop.blocks})
         np.testing.assert_allclose(turned.A * np.outer(mirror.x, mirror.x), held.A, atol=1e-8)
         np.testing.assert_allclose(turned.B * np.outer(mirror.x, mirror.w), held.B, atol=1e-8)
 

@@ -23,15 +23,16 @@ from gustproof.robust.gain.certificate import Certificate
 from gustproof.robust.gain.lft_gain import certify_lft, derived_loop, lower_bound
 from gustproof.robust.gain.worst_schedule import worst_schedule
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain, system_from_matrix, ultidyn, ureal
 from gustproof.robust.lti.state_space import Lti, gain, lft
+from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, system_from_matrix
 
 VEHICLE = load_vehicle("paper")
 
 
 def lag(spread: float) -> Uncertain:
     """Return `x' = -(1 + spread delta) x + w`, z = x: its gain is 1 / (1 - spread) at worst, delta resting at -1."""
-    rate = ureal("rate", low=1.0 - spread, high=1.0 + spread)
+    rate = ureal("rate", range=(1.0 - spread, 1.0 + spread))
     pole = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 0.0]])
     return system_from_matrix(pole + np.array([[0.0, 1.0], [1.0, 0.0]]), 1)
 
@@ -275,7 +276,7 @@ def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
     corners = [dict(zip("tvrq", signs, strict=True)) for signs in product((-1.0, 1.0), repeat=4)]
     systems = []
     for corner in corners:
-        M = loop.substitute(corner)
+        M = loop.member(corner)
         n, m = M.order, M.n_inputs
         held = scipy.linalg.expm(np.block([[M.A, M.B], [np.zeros((m, n + m))]]) * dt)[:n]
         systems.append(np.vstack([held, np.hstack([M.C, M.D])]).T)
@@ -299,7 +300,7 @@ def test_no_simulation_of_ten_thousand_exceeds_the_certified_gain():
 
 def scheduled_on(name: str, reach: float) -> Uncertain:
     """Return a controller of no gain that reads a parameter."""
-    return np.eye(3, 1) @ (ureal(name, low=-reach, high=reach) @ np.zeros((1, 3)))
+    return np.eye(3, 1) @ (ureal(name, range=(-reach, reach)) @ np.zeros((1, 3)))
 
 
 @pytest.mark.parametrize(
@@ -322,7 +323,7 @@ def test_a_schedule_reaches_no_more_than_the_gain_of_the_worst_member():
 
 def test_a_schedule_never_exceeds_the_gain_of_a_loop_faster_than_its_steps():
     # z = w - x, x' = r (w - x) with r of some 1e4 1/s: half a period is shorter than a step, and no gain is above 1
-    rate = ureal("rate", low=5e3, high=1.5e4)
+    rate = ureal("rate", range=(5e3, 1.5e4))
     slope = np.array([[1.0], [0.0]]) @ rate @ np.array([[-1.0, 1.0]])
     fast = system_from_matrix(slope + np.array([[0.0, 0.0], [-1.0, 1.0]]), 1)
     assert 0.0 < worst_schedule(fast, duration=5.0, rounds=6).gain <= 1.0 + 1e-9

@@ -11,8 +11,6 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.airframe.rotational import Envelope, rotation, uncertain_airframe
 from gustproof.design.designs import design_problem, load_design
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain, close_loop, connect, system_from_matrix, ureal
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
 from gustproof.robust.lti import margins
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import Lti, discretize_zoh, gain
@@ -22,6 +20,9 @@ from gustproof.robust.mu.singular_value import disk_margin_bounds, mu
 from gustproof.robust.mu.sweep import add_performance_block
 from gustproof.robust.mu.worst_gain import restrict, wcgain
 from gustproof.robust.mu.worst_margin import wcmargin
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, fill_diagram, lft, system_from_matrix
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock
 
 TIGHT = 1e-3
 """Relative; the accuracy that the scalings are asked for."""
@@ -47,7 +48,7 @@ def attitude_loop(angle: float, rate: float) -> Uncertain:
     result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma)
     dynamics = rotation(vehicle.inertia_B, Envelope(angle=angle, rate=rate))
     airframe = uncertain_airframe(dynamics, leak=design.leak, rate_damping=0.05)
-    return close_loop(connect(problem, {"airframe": airframe}), result.controller)
+    return lft(fill_diagram(problem, {"airframe": airframe}), result.controller)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -102,8 +103,8 @@ def test_scalings_are_judged_by_what_they_prove_not_by_who_made_them():
 @pytest.mark.slow
 def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
     for stiffness, damping, name, edge in (
-        (ureal("k", low=-1.0, high=3.0), 0.2, "k", -0.5),
-        (4.0, ureal("c", low=-0.3, high=0.7), "c", -0.4),
+        (ureal("k", range=(-1.0, 3.0)), 0.2, "k", -0.5),
+        (4.0, ureal("c", range=(-0.3, 0.7)), "c", -0.4),
     ):
         loop = oscillator(stiffness, damping)
         alone = Uncertain(M=loop.M.subsystem(slice(0, loop.n_z), slice(0, loop.n_w)), blocks=loop.blocks)
@@ -116,7 +117,7 @@ def test_real_parameters_alone_are_bracketed_even_where_mu_jumps():
 
 
 def test_the_worst_gain_of_a_resonance_is_at_the_least_damping():
-    found = wcgain(oscillator(1.0, ureal("c", low=0.1, high=0.3)))
+    found = wcgain(oscillator(1.0, ureal("c", range=(0.1, 0.3))))
     assert found.lower == pytest.approx(1.0 / (0.1 * math.sqrt(1.0 - 0.1**2 / 4.0)), rel=1e-6)
     assert found.delta == {"c": -1.0}
     assert found.lower <= found.upper <= 1.03 * found.lower
@@ -129,8 +130,8 @@ def test_no_member_of_the_family_exceeds_the_worst_gain_and_the_bracket_is_withi
     found = wcgain(system)
     assert found.lower == pytest.approx(lower, rel=0.005)
     assert found.gap < 0.05
-    assert hinf_norm(system.substitute(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
-    assert all(hinf_norm(system.substitute(delta)).gain <= found.upper for delta in system.samples(50, 1))
+    assert hinf_norm(system.member(found.delta)).gain == pytest.approx(found.lower, rel=1e-9)
+    assert all(hinf_norm(system.substitute(values)).gain <= found.upper for values in system.sample(50, 1))
 
 
 def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
@@ -147,7 +148,7 @@ def test_a_band_holds_everywhere_inside_and_ends_where_the_level_is_met():
 
 @pytest.mark.slow
 def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
-    stiffness, damping = ureal("k", low=0.3, high=1.7), ureal("c", low=0.05, high=0.35)
+    stiffness, damping = ureal("k", range=(0.3, 1.7)), ureal("c", range=(0.05, 0.35))
     system = oscillator(stiffness, damping)
     truth = 1.0 / (0.05 * math.sqrt(0.3 - 0.05**2 / 4.0))
     one, many = wcgain(system, accuracy=1e-3), wcgain(system, accuracy=1e-3, boxes=3)
@@ -184,8 +185,8 @@ def test_full_blocks_are_restricted_with_the_box():
 def test_a_box_of_parameters_is_a_family_of_the_same_members():
     system = attitude_loop(0.3, 0.5)
     inner = restrict(system, {"t": (0.0, 1.0), "v": (-0.5, 0.5), "r": (-1.0, -0.5), "q": (-1.0, 1.0)})
-    expected = system.substitute({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
-    assert inner.substitute({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
+    expected = system.member({"t": 0.75, "v": 0.25, "r": -0.75, "q": 0.1}).response(3.0)
+    assert inner.member({"t": 0.5, "v": 0.5, "r": 0.0, "q": 0.1}).response(3.0) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_spinning_satellite_has_a_tenth_of_a_disk_margin():
@@ -222,7 +223,7 @@ def test_what_has_no_mu_is_refused():
     with pytest.raises(ValueError, match="nothing uncertain"):
         mu(Uncertain(M=gain(np.zeros((0, 0)))))
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
-        mu(oscillator(ureal("k", low=-3.0, high=1.0), 0.2))
+        mu(oscillator(ureal("k", range=(-3.0, 1.0)), 0.2))
     with pytest.raises(ValueError, match="no worst gain"):
         wcgain(ss(-1.0, 1.0, 1.0, 0.0))
     with pytest.raises(ValueError, match="no worst gain"):
@@ -230,7 +231,7 @@ def test_what_has_no_mu_is_refused():
 
 
 def test_an_unstable_member_makes_the_worst_gain_infinite():
-    found = wcgain(oscillator(1.0, ureal("c", low=-0.1, high=0.3)), boxes=2)
+    found = wcgain(oscillator(1.0, ureal("c", range=(-0.1, 0.3))), boxes=2)
     assert math.isinf(found.upper)
 
 
@@ -239,7 +240,7 @@ INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], 
 
 @pytest.mark.slow
 def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
-    low, high = wcmargin(ureal("gain", low=0.5, high=1.5) @ INTEGRATOR, accuracy=0.1)
+    low, high = wcmargin(ureal("gain", range=(0.5, 1.5)) @ INTEGRATOR, accuracy=0.1)
     worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))
     assert low <= worst[1]
     assert high >= worst[0]
@@ -248,13 +249,13 @@ def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
 
 def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():
     third_order = Lti(A=[[0, 1, 0], [0, 0, 1], [-1, -3, -3]], B=[[0], [0], [1]], C=[[1, 0, 0]], D=[[0]])
-    assert wcmargin(ureal("gain", low=2.0, high=9.0) @ third_order) == (0.0, 0.0)
+    assert wcmargin(ureal("gain", range=(2.0, 9.0)) @ third_order) == (0.0, 0.0)
     with pytest.raises(ValueError, match="no blocks"):
         wcmargin(Uncertain(M=INTEGRATOR))
     with pytest.raises(ValueError, match="must be square"):
-        wcmargin(ureal("gain", low=0.5, high=1.5) @ gain([[1.0, 1.0]]))
+        wcmargin(ureal("gain", range=(0.5, 1.5)) @ gain([[1.0, 1.0]]))
     with pytest.raises(ValueError, match="unstable at Delta = 0"):
-        wcmargin(ureal("gain", low=8.5, high=9.5) @ third_order)
+        wcmargin(ureal("gain", range=(8.5, 9.5)) @ third_order)
 
 
 def test_a_curvature_that_has_no_factor_is_named(monkeypatch):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gustproof.checker.evidence import CheckResult
     from gustproof.checker.rational import RationalMatrix
     from gustproof.robust.gain.parts import Part
-    from gustproof.robust.lft.uncertain_system import Uncertain
+    from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 _LOOP = ("angle", "rate", "exact_rho", "slow", "leak", "delay_ms", "saturation")
 """Options of a gain's loop."""

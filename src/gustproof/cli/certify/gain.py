@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from gustproof.law.form import Law
     from gustproof.robust.gain.certificate import Certificate
     from gustproof.robust.gain.parts import Delay
-    from gustproof.robust.lft.interconnection import Interconnection
     from gustproof.robust.lti.state_space import LinearSystem
+    from gustproof.robust.uncertain.interconnection import Interconnection
 
 ANGLE = typer.Option("--angle-rad", help="Envelope: largest roll and pitch [rad], below pi/2.")
 RATE = typer.Option("--rate-rad-s", help="Envelope: largest rates p, q, r [rad/s].")

@@ -18,8 +18,8 @@ from gustproof.airframe.covariance import AxisModel, axis_models, axis_performan
 from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
-from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertainty import Spreads
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -19,8 +19,8 @@ from gustproof.robust.gain.multipliers import (
     solve_level,
 )
 from gustproof.robust.gain.parts import Delay, Part, Slope
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lti.state_space import Lti, Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,9 +8,9 @@ import numpy as np
 from gustproof.checker.dissipation import Ball, ball_product, ball_sum, widen
 from gustproof.checker.evidence import ROUNDING
 from gustproof.checker.rational import RationalMatrix, add, identity, inverse, multiply, round_up, scale, to_rational
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import rows
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import rows
 
 
 def exact_origin(K: Lti) -> RationalMatrix:

@@ -21,12 +21,10 @@ from gustproof.robust.gain.multipliers import Multipliers, best_multipliers
 from gustproof.robust.gain.parts import Delay, Part
 from gustproof.robust.gain.rate_bounded_multipliers import RateBoundedMultipliers, rate_bounded_multipliers
 from gustproof.robust.gain.worst_schedule import worst_schedule, worst_triangle_schedule
-from gustproof.robust.lft.uncertain_system import (
-    Uncertain,
-)
-from gustproof.robust.lft.uncertainty import RealBlock
-from gustproof.robust.lft.units import ChannelUnits
 from gustproof.robust.lti.state_space import Matrix, gain, lft
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
+from gustproof.robust.uncertain.units import ChannelUnits
 
 _DECAY = 1e-9
 """[rad/s] least decay of a loop that counts as stable, above rounding."""
@@ -185,7 +183,7 @@ def _check_parts(loop: Uncertain, speeds: Mapping[str, float] | None, parts: Map
             raise ValueError(f"block '{name}' is {shape[0]} x {shape[1]}, a part must be square")
         if isinstance(part, Delay):
             continue
-        worst = complex(max(loop.substitute({name: np.eye(shape[0])}).poles(), key=lambda pole: pole.real))
+        worst = complex(max(loop.member({name: np.eye(shape[0])}).poles(), key=lambda pole: pole.real))
         if worst.real > -_DECAY:
             raise ValueError(
                 f"with slope 1 of '{name}' the loop has a pole at {worst:.3g} rad/s: no global L2 gain exists; "

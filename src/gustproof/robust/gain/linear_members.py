@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from gustproof.robust.gain.parts import Part
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lti.state_space import ComplexMatrix, Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 _POINTS = 400
 """Number of frequencies, over two decades beyond the loop's poles on either side."""

@@ -16,10 +16,10 @@ from gustproof.checker.quadratic_constraints import make_filter
 from gustproof.robust.gain.constrained_multipliers import ConstrainedMultipliers
 from gustproof.robust.gain.multipliers import Multipliers
 from gustproof.robust.gain.rate_bounded_multipliers import RateBoundedMultipliers
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import rows
-from gustproof.robust.lft.units import ChannelUnits, Units, balance
 from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import rows
+from gustproof.robust.uncertain.units import ChannelUnits, Units, balance
 
 Found = Multipliers | RateBoundedMultipliers | ConstrainedMultipliers
 """Multipliers of any kind."""

@@ -8,9 +8,9 @@ import clarabel
 import numpy as np
 import scipy
 
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lti.state_space import Lti, Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 _STRICTNESS = 1e-7
 """[-] least margin of each inequality in the balanced loop while the solver minimises the level."""

@@ -10,8 +10,8 @@ import scipy
 from gustproof.checker.dissipation import Vertex, sign_product, vertices
 from gustproof.robust.gain.multipliers import add_transpose, balance, basis, least_level, minimize, svec
 from gustproof.robust.gain.symmetry import Mirror, mirror_group
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 _STRICTNESS = 1e-6
 """[-] least margin of each inequality in the balanced loop."""

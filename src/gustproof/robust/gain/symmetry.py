@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 _ZERO_TOLERANCE = 1e-9
 """[-] size below which an entry of the loop's matrices counts as 0, a coupling left by rounding. Symmetry only saves

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gustproof.robust.lft.uncertain_system import Uncertain
 from gustproof.robust.lti.state_space import Matrix, gain
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 Order = NDArray[np.int64]
 Systems = tuple[Matrix, Matrix, Matrix, Matrix]

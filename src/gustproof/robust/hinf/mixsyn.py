@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
-from gustproof.robust.lft.uncertain_system import append
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
+from gustproof.robust.uncertain.uncertain_system import append
 
 Weight = LinearSystem | ArrayLike | None
 """A stable system or a gain; one of a single channel weights each channel alike; `None` leaves the signal out."""

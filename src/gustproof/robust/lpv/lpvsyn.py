@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.checked_controller import CheckedController
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lpv.inequalities import (
     Functions,
     Inequalities,
@@ -26,6 +24,8 @@ from gustproof.robust.lpv.inequalities import (
 from gustproof.robust.lpv.reconstruction import controller_at, proven_level
 from gustproof.robust.lti.norms import Peak, hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, PartedPlant, as_continuous, lft, part
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 _SPREAD = 0.5
 """[-] share of the backoff by which `I - X Y` is kept regular."""
@@ -93,8 +93,8 @@ class LftController(CheckedController):
     Examples
     --------
     >>> from gustproof import lpvsyn, ureal
-    >>> from gustproof.robust.lft.uncertain_system import system_from_matrix
-    >>> pole = ureal("pole", low=1.0, high=3.0)
+    >>> from gustproof.robust.uncertain.uncertain_system import system_from_matrix
+    >>> pole = ureal("pole", range=(1.0, 3.0))
     >>> A, rest = pole @ [[-1.0, 0, 0, 0]], [[1.0, 0, 0, 0], [0, 0, 0, 0.1], [1.0, 0, 0.1, 0]]
     >>> whole = [[1.0], [0], [0], [0]] @ A + [[0, 1.0, 0, 1.0], *rest]
     >>> result = lpvsyn(system_from_matrix(whole, 1), 1, 1)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from gustproof.robust.lft.uncertain_system import append
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, gain, series
+from gustproof.robust.uncertain.uncertain_system import append
 
 _LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
 """[-] limits of the damping of each pair of poles and of zeros."""

@@ -12,8 +12,6 @@ from gustproof.errors import DesignError
 from gustproof.robust.gain.multipliers import best_multipliers
 from gustproof.robust.hinf.checked_controller import CheckedController
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain, close_loop
-from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_continuous, as_lti
 from gustproof.robust.mu.minimum_phase import fit_least_order, is_positive_real
@@ -23,6 +21,8 @@ from gustproof.robust.mu.singular_value import mu
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep
 from gustproof.robust.mu.worst_delta import worst_delta
 from gustproof.robust.mu.worst_gain import wcgain
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 Measure = Literal["mu", "wcgain", "l2gain"]
 """The figure that musyn makes small: see there."""
@@ -162,7 +162,7 @@ def musyn(
     --------
     >>> import numpy as np
     >>> from gustproof import Lti, musyn, ureal
-    >>> gain = ureal("gain", low=0.5, high=1.5)
+    >>> gain = ureal("gain", range=(0.5, 1.5))
     >>> lag = Lti(A=[[-0.1]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=[[0, 0, 0], [0, 0, 0.2], [0, 0.1, 0]])
     >>> actuated = np.diag([1.0, 1.0, 0.0]) + np.diag([0.0, 0.0, 1.0])[:, 2:] @ gain @ np.array([[0.0, 0.0, 1.0]])
     >>> result = musyn(lag @ actuated, 1, 1, measure="l2gain", tolerance=0.05)
@@ -318,7 +318,7 @@ def _best_start(problem: _Problem, candidates: list[_Candidate]) -> tuple[Lti, M
 
 
 # A step begins with the loop that the one before ended with, and semidefinite programs take most of its time.
-_close_loop, _best_multipliers = lru_cache(4)(close_loop), lru_cache(4)(best_multipliers)
+_close_loop, _best_multipliers = lru_cache(4)(lft), lru_cache(4)(best_multipliers)
 
 
 def _upper_bound(loop: Uncertain, measure: Measure) -> float:
@@ -423,7 +423,7 @@ def _single_blocks(blocks: tuple[DeltaBlock, ...]) -> tuple[DeltaBlock, ...]:
 
 def _result(problem: _Problem, controller: Lti, history: tuple[MuStep, ...]) -> MuResult:
     """Return the controller with both bounds, from its loop alone."""
-    loop, last = close_loop(problem.plant, controller), history[-1]
+    loop, last = lft(problem.plant, controller), history[-1]
     if problem.measure == "l2gain":
         bracket, upper = _bad_member(loop, last.upper), last.upper
     else:
@@ -453,7 +453,7 @@ def _bad_member(loop: Uncertain, upper: float) -> Bracket:
     tried = [0.0 if math.isinf(peak.omega) else peak.omega, *np.geomspace(np.min(speeds), np.max(speeds), 4)]
     worst = max((worst_delta(M, loop.blocks) for M in loop.M.response(tried)), key=lambda found: found.gain)
     delta = worst.parts(loop.blocks)
-    member = hinf_norm(loop.substitute(delta))
+    member = hinf_norm(loop.member(delta))
     if member.gain < peak.gain:
         return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta={})
     return Bracket(lower=member.gain, upper=upper, omega=member.omega, delta=delta)

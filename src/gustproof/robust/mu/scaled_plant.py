@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from gustproof.robust.lft.uncertain_system import Uncertain, append, star
 from gustproof.robust.lti.state_space import Lti, Matrix, gain
 from gustproof.robust.mu.minimum_phase import MinimumPhase
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, lft
 
 Factors = tuple[MinimumPhase, MinimumPhase]
 """Stable factors a and b of a multiplier `conj(b) a`, with the real part D and the imaginary part G."""
@@ -24,7 +24,7 @@ def transform(P: Lti, filters: Lti, n_z: int, n_w: int) -> Lti:
     ValueError
         If the new loop is not well posed.
     """
-    return star(_exchange(filters, n_z), P, n_w, n_z).M
+    return lft(_exchange(filters, n_z), P, n_w, n_z).M
 
 
 def constant_filters(D: Sequence[Matrix], G: Sequence[Matrix]) -> Lti:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
-from gustproof.robust.lft.units import channel_units
 from gustproof.robust.lti.balancing import balancing_units
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
+from gustproof.robust.uncertain.units import channel_units
 
 _WEIGHT_FACTOR = 8.0
 """Factor on the weight of the objective from one centre to the next."""
@@ -217,14 +217,14 @@ def _basis(blocks: tuple[DeltaBlock, ...], gain: bool, real: bool) -> _Basis:
     for k, (block, z, w) in enumerate(zip(blocks, z_parts, w_parts, strict=True)):
         is_real = isinstance(block, RealBlock)
         counts = gain <= (k == len(blocks) - 1)
-        shapes = _hermitian_basis(block.shape[0]) if is_real else []
+        shapes = _hermitian_basis(block.shape[0]) if is_real or block.repeats > 1 else []
         whole = [(np.eye(block.shape[1]), np.eye(block.shape[0]))]
         for read, drive in [(shape, shape) for shape in shapes] or whole:
             D_z.append(_embed(read, z, z, n_z, n_z))
             D_w.append(_embed(drive, w, w, n_w, n_w))
             G.append(np.zeros((n_w, n_z), dtype=np.complex128))
             level.append(D_w[-1] * counts)
-        for shape in shapes if real else []:
+        for shape in shapes if real and is_real else []:
             D_z.append(np.zeros((n_z, n_z), dtype=np.complex128))
             D_w.append(np.zeros((n_w, n_w), dtype=np.complex128))
             G.append(_embed(shape, w, z, n_w, n_z))

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.robust.lft.uncertain_system import Uncertain, as_uncertain
-from gustproof.robust.lft.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 from gustproof.robust.lti.margins import largest_disk
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import WorstDelta, most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.mu.worst_gain import ParameterBox, best_halves, restrict
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
 _SHARES = (0.998, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
 """[-] shares of the radius of the found Delta that branch and bound tries in turn."""
@@ -53,10 +53,11 @@ def mu(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     Examples
     --------
     >>> from control import ss
-    >>> from gustproof import close_loop, mu, ureal
+    >>> from gustproof import lft, ureal
+    >>> from gustproof.robust.mu.singular_value import mu
     >>> third_order = ss([[0, 1, 0], [0, 0, 1], [-1, -3, -3]], [[0], [0], [1]], [1, 0, 0], 0)
-    >>> plant = ureal("gain", low=0.5, high=1.5) @ third_order
-    >>> found = mu(close_loop(plant, ss([], [], [], -4.0)))
+    >>> plant = ureal("gain", range=(0.5, 1.5)) * third_order
+    >>> found = mu(lft(plant, -4.0))
     >>> f"{1.0 / found.lower:.2f}"  # times the spread, the gain is unstable
     '2.00'
     """
@@ -150,33 +151,36 @@ def _mu_lower_bound(
     """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
 
     The gain at the last full block falls as the ball of the others shrinks. At gain 1 / radius, both norms are as small
-    as possible.
+    as possible. For a repeated number the gain is a spectral radius.
     """
-    last = max(k for k, block in enumerate(blocks) if isinstance(block, FullBlock))
+    last = max((block.repeats == 1, k) for k, block in enumerate(blocks) if isinstance(block, FullBlock))[1]
+    repeated = blocks[last].repeats > 1
     order = [*(k for k in range(len(blocks)) if k != last), last]
     z, w = (np.concatenate([np.r_[parts[k]] for k in order]) for parts in (columns(blocks), rows(blocks)))
     swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
     beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
     best, delta = 0.0, dict[str, ArrayLike]()
     for _ in range(8):
-        found = worst_delta(swapped, others, radius=1.0 / beta)
+        found = worst_delta(swapped, others, radius=1.0 / beta, repeated=repeated)
         if min(beta, found.gain) > best:
             best = min(beta, found.gain)
-            delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found)}
+            delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found, repeated=repeated)}
         if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
             break
         beta = math.sqrt(beta * min(found.gain, 100.0 * beta))
     return best, delta
 
 
-def _closing_matrix(M: ComplexMatrix, found: WorstDelta) -> ComplexMatrix:
-    """Return the smallest matrix that makes `F_u(M, Delta)` singular in feedback; 0 if it is without one."""
+def _closing_matrix(M: ComplexMatrix, found: WorstDelta, *, repeated: bool) -> ComplexMatrix:
+    """Return the smallest matrix, or number, with which `F_u(M, Delta)` is singular in feedback; 0 if it is without."""
     Delta = found.Delta
     n_w, n_z = Delta.shape
     if math.isinf(found.gain):
         return np.zeros((M.shape[1] - n_w, M.shape[0] - n_z), dtype=np.complex128)
     loop = np.eye(n_z) - M[:n_z, :n_w] @ Delta
     seen = M[n_z:, n_w:] + M[n_z:, :n_w] @ Delta @ np.linalg.solve(loop, M[:n_z, n_w:])
+    if repeated:
+        return np.array([[1.0 / max(np.linalg.eigvals(seen), key=abs)]])
     U, s, Vh = np.linalg.svd(seen)
     return np.asarray(np.outer(Vh[0].conj(), U[:, 0].conj()) / s[0])
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import DeltaBlock, FullBlock, columns, rows
-from gustproof.robust.lft.units import balance
 from gustproof.robust.lti.balancing import balance_states
 from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.mu.scalings import best_scalings
+from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, columns, rows
+from gustproof.robust.uncertain.units import balance
 
 PERFORMANCE = "performance"
 """Name of the full block that closes inputs and outputs of a system."""

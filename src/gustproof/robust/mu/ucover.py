@@ -7,10 +7,11 @@ from typing import Literal
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.robust.lft.uncertain_system import Uncertain, append, ultidyn
 from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain
 from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors
+from gustproof.robust.uncertain.elements import ultidyn
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append
 
 Form = Literal["additive", "input", "output"]
 """Place of the unknown: see `ucover`."""

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 _CORNERS = 64
 """Most starts: every corner of the real parameters if there are few, else random corners."""
@@ -36,23 +36,26 @@ class WorstDelta:
             for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True)
         }
         return {
-            name: float(part[0, 0].real) if isinstance(block, RealBlock) else part
+            name: float(part[0, 0].real) if isinstance(block, RealBlock) else part[: block.n_outputs, : block.n_inputs]
             for name, (block, part) in cut.items()
         }
 
 
-def worst_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0) -> WorstDelta:
+def worst_delta(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0, repeated: bool = False
+) -> WorstDelta:
     """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the global.
 
     Conditional gradients from many starts. Each step linearises the gain in Delta and finds the best vertex of the
     ball. That is a corner for real parameters, an aligned matrix of rank one for full blocks. The step keeps the best
-    point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle.
+    point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle. With
+    `repeated`, the gain is the spectral radius, that which a repeated complex number meets.
 
     References
     ----------
     P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
     """
-    return _search(lambda Delta: _gain(M, blocks, Delta), blocks, radius, seed)
+    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, seed)
 
 
 def most_unstable_delta(
@@ -116,7 +119,9 @@ def _largest_real_eigenvalue(M: Matrix, Delta: Matrix) -> tuple[float, ComplexMa
     return float(real[k]), np.asarray(np.outer(x, y @ M) / (y @ x), dtype=np.complex128)
 
 
-def _gain(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix) -> tuple[float, ComplexMatrix]:
+def _gain(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix, *, repeated: bool = False
+) -> tuple[float, ComplexMatrix]:
     """Return the gain, infinite for a singular loop, and its gradient: the gain changes by `Re tr(slope dDelta)`."""
     w, z = _shape(blocks)
     loop = np.eye(z) - M[:z, :w] @ Delta
@@ -125,7 +130,14 @@ def _gain(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix
         drives = np.linalg.solve(loop.T, (M[z:, :w] @ Delta).T).T @ M[:z, :w] + M[z:, :w]
     except np.linalg.LinAlgError:
         return np.inf, np.zeros((z, w), complex)
-    U, s, Vh = np.linalg.svd(M[z:, w:] + M[z:, :w] @ Delta @ reads)
+    seen = M[z:, w:] + M[z:, :w] @ Delta @ reads
+    if repeated:
+        values, left, right = scipy.linalg.eig(seen, left=True, right=True)  # type: ignore[misc]
+        k = int(np.argmax(np.abs(values)))
+        y, x, size = left[:, k].conj(), right[:, k], float(abs(values[k]))
+        turn = values[k].conj() / ((y @ x) * size) if size > 0.0 and abs(y @ x) > 1e-12 else 0.0
+        return size, np.asarray(turn * np.outer(reads @ x, y @ drives))
+    U, s, Vh = np.linalg.svd(seen)
     slope = np.outer(reads @ Vh[0].conj(), U[:, 0].conj() @ drives)
     return float(s[0]), slope
 
@@ -137,6 +149,8 @@ def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatr
         part = slope[z, w]
         if isinstance(block, RealBlock):
             vertex[w, z] = np.sign(np.trace(part).real) * np.eye(block.repeats)
+        elif block.repeats > 1:
+            vertex[w, z] = np.exp(-1j * np.angle(np.trace(part))) * np.eye(block.repeats)
         else:
             U, _, Vh = np.linalg.svd(part, full_matrices=False)
             vertex[w, z] = np.outer(Vh[0].conj(), U[:, 0].conj())
@@ -160,6 +174,8 @@ def _starts(blocks: tuple[DeltaBlock, ...], seed: int) -> list[ComplexMatrix]:
         for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
             if isinstance(block, RealBlock):
                 Delta[w, z] = next(signs) * np.eye(block.repeats)
+            elif block.repeats > 1:
+                Delta[w, z] = np.exp(2j * np.pi * rng.uniform()) * np.eye(block.repeats)
             else:
                 full = rng.normal(size=block.shape) + 1j * rng.normal(size=block.shape)
                 Delta[w, z] = full / np.linalg.norm(full, 2)

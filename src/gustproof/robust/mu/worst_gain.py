@@ -4,12 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gustproof.robust.lft.uncertain_system import Uncertain, append, as_uncertain, star, ultidyn, ureal
-from gustproof.robust.lft.uncertainty import RealBlock
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import worst_delta
+from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 ParameterBox = Mapping[str, tuple[float, float]]
 """Lower and upper limit of the normalised value of each real parameter."""
@@ -44,7 +45,7 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Brac
     --------
     >>> from control import ss
     >>> from gustproof import ureal, wcgain
-    >>> found = wcgain(ureal("gain", low=0.8, high=1.2) @ ss(-1.0, 1.0, 1.0, 0.0))
+    >>> found = wcgain(ureal("gain", range=(0.8, 1.2)) @ ss(-1.0, 1.0, 1.0, 0.0))
     >>> f"{found.lower:.2f} at {found.delta}"
     "1.20 at {'gain': 1.0}"
     """
@@ -72,10 +73,10 @@ def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Un
     for block in system.blocks:
         if isinstance(block, RealBlock):
             low, high = box[block.name]
-            delta += [ureal(block.name, low=low, high=high)] * block.repeats
+            delta += [ureal(block.name, range=(low, high))] * block.repeats
         else:
             delta.append(radius * np.eye(block.shape[0]) @ ultidyn(block.name, *block.shape))
-    return star(append(*delta), system.M, system.n_w, system.n_z)
+    return lft(append(*delta), system.M, system.n_w, system.n_z)
 
 
 def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
@@ -84,7 +85,7 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     M = to_continuous(family)
     if not M.is_stable():
         centre = {name: 0.5 * (low + high) for name, (low, high) in box.items()}
-        peak = hinf_norm(system.substitute(centre))
+        peak = hinf_norm(system.member(centre))
         return Bracket(lower=peak.gain, upper=np.inf, omega=peak.omega, delta=centre)
     upper, grid = sweep(M, add_performance_block(family), gain=True, accuracy=accuracy)
     found = [(worst_delta(M.response(omega)[0], family.blocks), omega) for omega in grid]
@@ -95,7 +96,7 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     if len(box) < len(system.blocks):
         return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     # the norm of the member itself is the true figure; it may exceed the gain at the frequencies tried
-    peak = hinf_norm(system.substitute(delta))
+    peak = hinf_norm(system.member(delta))
     if peak.gain < worst.gain:
         return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)

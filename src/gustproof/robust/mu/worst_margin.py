@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gustproof.robust.lft.uncertain_system import Uncertain, as_uncertain
-from gustproof.robust.lft.uncertainty import FullBlock
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.mu.singular_value import disk_margin_bounds, mu
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
+from gustproof.robust.uncertain.uncertainty import FullBlock
 
 _TRIALS = 24
 """Most margins tried."""
@@ -39,7 +39,7 @@ def wcmargin(L: Uncertain, *, accuracy: float = 0.02) -> tuple[float, float]:
     --------
     >>> from control import ss
     >>> from gustproof import ureal, wcmargin
-    >>> loop = ureal("gain", low=0.5, high=1.5) @ ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0)
+    >>> loop = ureal("gain", range=(0.5, 1.5)) @ ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0)
     >>> lower, upper = wcmargin(loop, accuracy=0.05)
     >>> lower <= 1.0 <= upper  # 1.15 with the nominal gain
     True

@@ -5,8 +5,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from gustproof.robust.lft.uncertain_system import Uncertain, append, close_loop, star
-from gustproof.robust.lft.uncertainty import Delta, FullBlock
 from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, gain, series
 from gustproof.robust.mu.sweep import Bracket
@@ -15,6 +13,8 @@ from gustproof.robust.structured.blocks import Structure, full_structure
 from gustproof.robust.structured.goals import NORM, Goal
 from gustproof.robust.structured.hinfstruct import Progress, StructResult, check_sizes, search_problem
 from gustproof.robust.structured.objective import Problem
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, lft
+from gustproof.robust.uncertain.uncertainty import Delta, FullBlock
 
 _MOST_ROUNDS = 12
 """Largest number of designs, each over one worst member more."""
@@ -92,7 +92,7 @@ def robust_hinfstruct(
     >>> from control import ss
     >>> from gustproof import robust_hinfstruct, ureal
     >>> plant = ss([[1.0]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]])
-    >>> actuator = [[1, 0, 0], [0, 1, 0], [0, 0, 0]] + [[0], [0], [1]] @ ureal("gain", low=0.5, high=1.5) @ [[0, 0, 1]]
+    >>> actuator = [[1, 0, 0], [0, 1, 0], [0, 0, 0]] + [[0], [0], [1]] @ ureal("gain", range=(0.5, 1.5)) @ [[0, 0, 1]]
     >>> result = robust_hinfstruct(plant @ actuator, n_meas=1, n_con=1, starts=1)
     >>> f"certified {result.gamma:.2f}, attained {result.norm:.2f}, {len(result.corners)} members"
     'certified 0.22, attained 0.22, 3 members'
@@ -110,7 +110,7 @@ def robust_hinfstruct(
         progress(k / _MOST_ROUNDS, f"{len(models)} members{text}")
         problem = Problem(models=tuple(models), structure=structure, target=NORM, hard_goals=tuple(hard_goals))
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
-        bracket = wcgain(close_loop(P, result.controller), boxes=boxes)
+        bracket = wcgain(lft(P, result.controller), boxes=boxes)
         history.append(bracket.upper)
         if best is None or hard_goals or bracket.upper < best[1].upper:
             best = result, bracket, k
@@ -155,7 +155,7 @@ def _member(P: Uncertain, worst: Bracket) -> Lti:
             parts.append(interpolate_block(value, worst.omega, P.M.dt))
         else:
             parts.append(gain(value[0, 0].real * np.eye(block.repeats), P.M.dt))
-    return star(append(*parts), P.M, P.n_w, P.n_z).M
+    return lft(append(*parts), P.M, P.n_w, P.n_z).M
 
 
 def interpolate_block(value: ComplexMatrix, omega: float, dt: float) -> Lti:

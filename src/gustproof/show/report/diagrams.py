@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch
 
 from gustproof.airframe.lpv import PARAMETERS
-from gustproof.robust.lft.interconnection import Interconnection
-from gustproof.robust.lft.uncertain_system import Uncertain
+from gustproof.robust.uncertain.interconnection import Interconnection
+from gustproof.robust.uncertain.uncertain_system import Uncertain
 from gustproof.show.report.figure_style import save_figure
 from gustproof.show.report.laid_out import LaidOutFigure
 

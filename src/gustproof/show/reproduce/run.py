@@ -27,7 +27,7 @@ from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.recorder import fly_and_record
 from gustproof.flight.scoring.metrics import Metrics, median_metrics, peak_rate
 from gustproof.law.form import Law, load_law
-from gustproof.robust.lft.interconnection import Interconnection
+from gustproof.robust.uncertain.interconnection import Interconnection
 from gustproof.show.report.terminal import Renderable, save_text
 from gustproof.show.reproduce.claims import PAPER_LAWS, PaperClaim, judge_claims
 from gustproof.show.reproduce.paper_tables import render_reproduction

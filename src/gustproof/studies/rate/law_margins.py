@@ -9,8 +9,8 @@ from gustproof.airframe.hover import hover_plant, is_stable_at_hover, loop_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.law.resample import resample
-from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.robust.lti.margins import input_margins
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.rate.robustness import (
     RobustnessOverFrequency,
     StabilityRange,

@@ -6,7 +6,7 @@ from itertools import product
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.robust.lft.uncertainty import Spreads
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.rate.law_margins import SPREADS
 
 _INERTIAS = ("inertia_B.x", "inertia_B.y", "inertia_B.z")

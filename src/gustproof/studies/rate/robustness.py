@@ -8,8 +8,8 @@ import numpy as np
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.form import Law, Matrix
-from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.robust.mu.sweep import Bracket
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.rate.axis_loop import AxisLoop, axis_loop
 from gustproof.studies.rate.zero_exclusion import End, ParameterBox, is_proven, proven_bands
 

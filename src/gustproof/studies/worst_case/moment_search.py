@@ -23,7 +23,7 @@ from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import attitude, measure
 from gustproof.law.form import Law
-from gustproof.robust.lft.uncertainty import Spreads
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.worst_case.starts import (
     AMPLITUDES,
     INERTIA,

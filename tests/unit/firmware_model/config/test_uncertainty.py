@@ -6,7 +6,7 @@ from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import VEHICLES, list_vehicles, load_vehicle
 from firmware_model.errors import ConfigError
-from gustproof.robust.lft.uncertainty import RealBlock
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 
 def written(folder: Path, old: str, new: str) -> Path:

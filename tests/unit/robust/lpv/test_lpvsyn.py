@@ -12,18 +12,12 @@ from gustproof.design.designs import design_problem, load_design
 from gustproof.errors import DesignError
 from gustproof.robust.gain.lft_gain import certify_lft
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import (
-    Uncertain,
-    as_uncertain,
-    connect,
-    star,
-    system_from_matrix,
-    ultidyn,
-    ureal,
-)
 from gustproof.robust.lpv.lpvsyn import lpvsyn
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import Lti, gain, lft
+from gustproof.robust.lti.state_space import Lti, gain
+from gustproof.robust.lti.state_space import lft as close_known
+from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain, fill_diagram, lft, system_from_matrix
 
 WEIGHTS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.1, 0.0]])
 
@@ -72,13 +66,13 @@ def test_the_gridded_example_of_wu_yang_packard_and_becker():
     assert result.gamma_opt < 0.9250 / 1.02
     assert result.norm <= result.gamma < 0.9250
     assert result.norm_between <= result.gamma
-    frozen = hinf_norm(lft(turned_plant((0.4,)), result.at((0.4,)))).gain
+    frozen = hinf_norm(close_known(turned_plant((0.4,)), result.at((0.4,)))).gain
     assert frozen <= result.gamma
 
 
 def tutorial_plant() -> Uncertain:
     """Return `rho / (s + rho)` with W_u = (10 s + 10) / (s + 100), W_e = (s + 25) / (5 s + 5) and W_d = .1."""
-    rho, step = ureal("rho", low=1.0, high=10.0), np.sqrt(990.0)
+    rho, step = ureal("rho", range=(1.0, 10.0)), np.sqrt(990.0)
     A = np.array([[0.0, 0.0, 0.0], [0.0, -100.0, 0.0], [-np.sqrt(4.8), 0.0, -1.0]])
     B = np.array([[0.0, 0.0, 0.0], [0.0, 0.1 * step, step], [np.sqrt(4.8), 0.0, 0.0]])
     C = np.array([[-0.2, 0.0, np.sqrt(4.8)], [0.0, -step, 0.0], [-1.0, 0.0, 0.0]])
@@ -93,9 +87,9 @@ def test_the_lft_example_of_lpvtools():
     result = lpvsyn(plant, 1, 1)
     assert result.gamma_opt == pytest.approx(2.1480 / 1.2, rel=2e-3)
     assert result.norm < result.gamma
-    loop = star(plant, result.scheduled, 1, 1)
+    loop = lft(plant, result.scheduled, 1, 1)
     for rho in (1.0, 3.0, 10.0):
-        assert hinf_norm(loop.substitute(loop.delta({"rho": rho}))).gain <= result.norm
+        assert hinf_norm(loop.member(loop.delta({"rho": rho}))).gain <= result.norm
     certificate = certify_lft(loop, assumes={})
     assert certificate.proven
     assert certificate.gain <= result.norm * (1.0 + 1e-3)
@@ -109,14 +103,14 @@ def test_scheduling_on_the_attitude_of_d2_costs_a_third_over_hover():
     problem = design_problem(design, load_vehicle(design.vehicle))
     body = rotation(load_vehicle(design.vehicle).inertia_B, Envelope(angle=0.3, rate=0.5))
     dynamics = uncertain_airframe(body, leak=design.leak, rate_damping=design.rate_damping)
-    plant = connect(problem, {"airframe": dynamics})
+    plant = fill_diagram(problem, {"airframe": dynamics})
     result = lpvsyn(plant, problem.n_meas, problem.n_con)
     assert result.order == 9
     assert result.gamma_opt == pytest.approx(0.3136, rel=0.01)
     assert result.norm <= result.gamma
-    loop = star(plant, result.scheduled, problem.n_meas, problem.n_con)
-    for delta in loop.samples(5, 0):
-        assert hinf_norm(loop.substitute(delta)).gain <= result.norm
+    loop = lft(plant, result.scheduled, problem.n_meas, problem.n_con)
+    for values in loop.sample(5, 0):
+        assert hinf_norm(loop.substitute(values)).gain <= result.norm
 
 
 def test_one_plant_everywhere_has_the_level_of_hinfsyn():
@@ -126,7 +120,7 @@ def test_one_plant_everywhere_has_the_level_of_hinfsyn():
     assert lpvsyn(dict.fromkeys((1.0, 2.0), lag((1.5,))), 1, 1).gamma_opt == result.gamma_opt
     assert result.gamma_opt == pytest.approx(least, rel=1e-3)
     assert result.gamma_opt >= least * (1.0 - 1e-4)
-    assert hinf_norm(lft(lag((1.5,)), result.controller)).gain <= result.norm
+    assert hinf_norm(close_known(lag((1.5,)), result.controller)).gain <= result.norm
 
 
 def test_slower_parameters_and_a_free_matrix_never_cost_and_no_point_is_better_than_its_own_optimum():
@@ -165,7 +159,7 @@ def test_two_parameters_a_full_d22_and_controllers_between():
     result = lpvsyn(grid, 1, 1, speeds=(0.5, 0.5))
     assert (len(result.controllers), result.points) == (4, tuple(grid))
     for rho in ((0.5, 1.0), (0.7, 1.9)):
-        loop = lft(plant(rho), result.at(rho))  # the coefficients are linear in rho: interpolation is exact
+        loop = close_known(plant(rho), result.at(rho))  # the coefficients are linear in rho: interpolation is exact
         assert hinf_norm(loop).gain <= result.gamma
     np.testing.assert_array_equal(result.at((0.5, 1.0)).A, result.controllers[0].A)
 
@@ -219,7 +213,7 @@ def test_a_plant_without_weight_or_noise_is_refused(rows, match):
 
 def turned_lag(C: float, weight: float) -> Uncertain:
     """Return an unstable lag whose pole is a parameter, measured with the gain `C`, its control weighted."""
-    A, rest = ureal("pole", low=1.0, high=3.0) @ [[1.0, 0, 0, 0]], [[0, 0, 0, weight], [C, 0, 0.1, 0]]
+    A, rest = ureal("pole", range=(1.0, 3.0)) @ [[1.0, 0, 0, 0]], [[0, 0, 0, weight], [C, 0, 0.1, 0]]
     return system_from_matrix([[1.0], [0], [0], [0]] @ A + [[0, 1.0, 0, 1.0], [1.0, 0, 0, 0], *rest], 1)
 
 

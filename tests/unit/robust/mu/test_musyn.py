@@ -12,8 +12,6 @@ from gustproof.errors import DesignError
 from gustproof.prove.attitude_gain import certify_gain
 from gustproof.robust.gain import lft_gain
 from gustproof.robust.hinf.hinfsyn import hinfsyn
-from gustproof.robust.lft.uncertain_system import Uncertain, append, close_loop, connect, ureal
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import Lti, gain
 from gustproof.robust.mu import musyn as module
@@ -21,6 +19,9 @@ from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors, fit_lea
 from gustproof.robust.mu.musyn import musyn
 from gustproof.robust.mu.scaled_plant import constant_filters, dynamic_filters, transform
 from gustproof.robust.mu.singular_value import mu
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, fill_diagram, lft
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock
 
 SLACK = 1.02
 """Accuracy of the sweeps that confirm a bound."""
@@ -32,7 +33,7 @@ def lag(gain_range: tuple[float, float] = (0.5, 1.5)) -> Uncertain:
         A=[[-0.1]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.0, 0.1, 0.0]]
     )
     low, high = gain_range
-    return nominal @ append(np.eye(2), ureal("k", low=low, high=high))
+    return nominal @ append(np.eye(2), ureal("k", range=(low, high)))
 
 
 @pytest.mark.parametrize(
@@ -44,11 +45,11 @@ def test_bounds_bracket_and_the_history_falls(measure):
     assert len(uppers) > 1
     assert all(after < before for before, after in itertools.pairwise(uppers))
     assert found.norm == found.lower <= found.upper == found.gamma <= uppers[-1]
-    loop = close_loop(lag(), found.controller)
+    loop = lft(lag(), found.controller)
     if measure == "mu":  # the loop alone is asked again, without musyn's filters
         assert mu(loop).upper <= SLACK * uppers[-1]
     else:
-        members = [hinf_norm(loop.substitute({"k": delta})).gain for delta in np.linspace(-1.0, 1.0, 9)]
+        members = [hinf_norm(loop.member({"k": delta})).gain for delta in np.linspace(-1.0, 1.0, 9)]
         assert max(members) <= found.upper
         assert max(members) == pytest.approx(found.lower, rel=0.01)
     assert found.filter_orders == found.history[-1].filter_orders
@@ -65,7 +66,7 @@ def test_a_linear_controller_of_design_d2_is_certified_over_an_envelope_where_th
     problem = design_problem(design, vehicle)
     airframe = uncertain_airframe(rotation(vehicle.inertia_B, envelope), leak=design.leak, rate_damping=0.05)
     nominal = hinfsyn(problem.plant(), 3, 3, gamma=design.gamma).controller
-    found = musyn(connect(problem, {"airframe": airframe}), 3, 3, measure="l2gain", tolerance=0.5, start=nominal)
+    found = musyn(fill_diagram(problem, {"airframe": airframe}), 3, 3, measure="l2gain", tolerance=0.5, start=nominal)
     assert found.history[0].upper == pytest.approx(7.667, abs=0.001)
     assert found.order == 9
     monkeypatch.setattr(lft_gain, "lower_bound", lambda *_: 0.0)  # a search of seconds that no proof needs
@@ -87,12 +88,12 @@ def test_the_start_is_kept_if_nothing_is_better_and_is_never_worse_than_given():
 def test_a_start_is_found_where_h_infinity_controllers_have_no_finite_bound():
     D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
     unstable = Lti(A=[[1.0]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=D)
-    P = unstable @ append(np.eye(2), ureal("k", low=0.3, high=1.7))
+    P = unstable @ append(np.eye(2), ureal("k", range=(0.3, 1.7)))
     for part in (P.M, P.nominal_system()):
-        loop = close_loop(P, hinfsyn(part, 1, 1, backoff=module._BACKOFF).controller)
+        loop = lft(P, hinfsyn(part, 1, 1, backoff=module._BACKOFF).controller)
         assert module._upper_bound(loop, "l2gain") == np.inf
     found = musyn(P, 1, 1, order=1, measure="l2gain", tolerance=0.5)
-    members = [hinf_norm(close_loop(P, found.controller).substitute({"k": d})).gain for d in (-1.0, 0.0, 1.0)]
+    members = [hinf_norm(lft(P, found.controller).member({"k": d})).gain for d in (-1.0, 0.0, 1.0)]
     assert max(members) <= found.upper < 10.0
 
 
@@ -140,7 +141,7 @@ def test_ill_posed_problems_and_hopeless_uncertainty_are_design_errors():
         musyn(blind, 1, 1)
     # the sign of the gain is unknown, and the plant unstable: no linear controller holds all members
     unstable = Lti(A=[[1.0]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=[[0, 0, 0], [0, 0, 0.2], [0, 0.1, 0]])
-    unknown = unstable @ append(np.eye(2), ureal("k", low=-1.0, high=3.0))
+    unknown = unstable @ append(np.eye(2), ureal("k", range=(-1.0, 3.0)))
     with pytest.raises(DesignError, match="no start has a finite bound"):
         musyn(unknown, 1, 1, order=0, measure="l2gain", tolerance=0.9)
 

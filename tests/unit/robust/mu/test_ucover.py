@@ -51,7 +51,7 @@ def test_the_weight_of_lags_is_known_and_tight():
 def test_the_model_holds_its_nominal_and_moves_by_the_weight(form):
     cover = ucover([lag(seconds) for seconds in LAGS], lag(1.0), 1, form=form)
     np.testing.assert_allclose(cover.model.nominal_system().response(0.7), lag(1.0).response(0.7), rtol=1e-9)
-    moved = cover.model.substitute({"unmodelled": 1.0}).response(0.7)[0, 0, 0]
+    moved = cover.model.member({"unmodelled": 1.0}).response(0.7)[0, 0, 0]
     weight, centre = cover.weight.response(0.7)[0, 0, 0], lag(1.0).response(0.7)[0, 0, 0]
     expected = centre + weight if form == "additive" else centre * (1.0 + weight)
     assert moved == pytest.approx(expected, rel=1e-9)

@@ -4,15 +4,17 @@ import control
 import numpy as np
 import pytest
 
-from gustproof.robust.lft.delays import delay_controls
-from gustproof.robust.lft.uncertain_system import Uncertain, close_loop, ultidyn, ureal
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import as_lti, lft
+from gustproof.robust.lti.state_space import as_lti
+from gustproof.robust.lti.state_space import lft as close_known
 from gustproof.robust.mu.worst_gain import wcgain
 from gustproof.robust.structured.blocks import Structure, tunable_gain
 from gustproof.robust.structured.goals import DecayGoal
 from gustproof.robust.structured.hinfstruct import hinfstruct
 from gustproof.robust.structured.robust import interpolate_block, robust_hinfstruct
+from gustproof.robust.uncertain.delays import delay_controls
+from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
 
 LAG = control.ss([[1.0]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]])
 """1 / (s - 1) with disturbance, noise and a price of the control."""
@@ -29,29 +31,31 @@ def dynamic() -> Uncertain:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("actuator", [ureal("gain", low=0.5, high=1.5), dynamic()], ids=["parameter", "dynamics"])
+@pytest.mark.parametrize("actuator", [ureal("gain", range=(0.5, 1.5)), dynamic()], ids=["parameter", "dynamics"])
 def test_worst_members_are_added_until_the_certified_gain_stops_falling(actuator):
     P = driven_through(actuator)
     nominal = hinfstruct(LAG, 1, 1, starts=1)
     result = robust_hinfstruct(P, 1, 1, starts=1)
-    before = wcgain(close_loop(P, nominal.controller))
+    before = wcgain(lft(P, nominal.controller))
     assert result.gamma < 0.99 * before.upper
     assert result.gamma == min(result.history) == result.certified.upper
     assert result.norm <= result.gamma <= 1.05 * result.norm
     assert len(result.corners) > 1
     # members drawn at random know nothing of the search
-    for delta in P.samples(30, seed=4):
-        assert hinf_norm(lft(P.substitute(delta), result.controller)).gain <= result.gamma * (1.0 + 1e-9)
+    for values in P.sample(30, seed=4):
+        assert hinf_norm(close_known(as_lti(P.substitute(values)), result.controller)).gain <= result.gamma * (
+            1.0 + 1e-9
+        )
     assert "D-G scalings" in result.checks[-1]
 
 
 @pytest.mark.slow
 def test_hard_goals_hold_for_every_member_designed_for():
-    P = driven_through(ureal("gain", low=0.5, high=1.5))
+    P = driven_through(ureal("gain", range=(0.5, 1.5)))
     result = robust_hinfstruct(P, 1, 1, starts=1, hard_goals=[DecayGoal(minimum=12.0)])
     assert len(result.corners) > 1
     for delta in result.corners:
-        assert np.max(lft(P.substitute(delta), result.controller).poles().real) <= -12.0
+        assert np.max(close_known(P.member(delta), result.controller).poles().real) <= -12.0
 
 
 @pytest.mark.parametrize("dt", [0.0, 0.1])

@@ -11,7 +11,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.airframe.hover import is_stable_at_hover
 from gustproof.law.form import load_law
-from gustproof.robust.lft.uncertainty import Spreads
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.rate import robustness
 from gustproof.studies.rate.axis_loop import axis_loop
 from gustproof.studies.rate.law_margins import SPREADS, axis_robustness, hover_margins

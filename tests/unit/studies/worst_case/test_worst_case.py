@@ -18,8 +18,8 @@ from gustproof.flight.routes.loopback import fly_loopback
 from gustproof.flight.scoring.metrics import measure
 from gustproof.law.form import load_law
 from gustproof.prove.boundedness import FlightCertificate, certify_boundedness
-from gustproof.robust.lft.uncertainty import Spreads
 from gustproof.robust.lti.state_space import Lti, delay, discretize_zoh, lft
+from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.worst_case import moment_search as module
 from gustproof.studies.worst_case.moment_search import PAPER_BUDGET, WorstCase, worst_case
 

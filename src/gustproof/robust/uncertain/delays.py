@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from gustproof.robust.lft.uncertain_system import Uncertain, append, as_uncertain, system_from_matrix
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, delay, gain, series
+from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, system_from_matrix
 
 _WHOLE = 1e-6
 """[-] largest distance of a delay from a whole number of samples."""
@@ -23,7 +23,7 @@ def uncertain_delay(delay: Uncertain, *, order: int = 2) -> Uncertain:
     Examples
     --------
     >>> from gustproof import uncertain_delay, ureal
-    >>> link = uncertain_delay(ureal("delay", low=0.01, high=0.05))
+    >>> link = uncertain_delay(ureal("delay", range=(0.01, 0.05)))
     >>> (link.M.order, link.blocks[0].repeats)
     (2, 2)
     """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.spreads import Spread
-from gustproof.robust.lft.uncertainty import FullBlock, RealBlock, Spreads, columns, delta_matrix, rows
+from gustproof.robust.uncertain.uncertainty import FullBlock, RealBlock, Spreads, columns, delta_matrix, rows
 
 OFF_CENTRE = RealBlock(name="k", low=1.0, high=7.0, nominal=2.0, repeats=2)
 FULL = FullBlock(name="F", n_outputs=1, n_inputs=3)

@@ -8,14 +8,15 @@ from control import ss
 
 from gustproof.robust.gain.lft_gain import certify_lft
 from gustproof.robust.gain.parts import Delay, Sector, Slope
-from gustproof.robust.lft.uncertain_system import Uncertain, close_loop, system_from_matrix, ureal
-from gustproof.robust.lft.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
-from gustproof.robust.lft.units import balance
 from gustproof.robust.lti.margins import margins
 from gustproof.robust.lti.state_space import Lti, gain
 from gustproof.robust.mu.singular_value import disk_margin_bounds, mu
 from gustproof.robust.mu.worst_gain import wcgain
 from gustproof.robust.mu.worst_margin import wcmargin
+from gustproof.robust.uncertain.elements import ureal
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft, system_from_matrix
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
+from gustproof.robust.uncertain.units import balance
 
 UNITS = (1e-6, 1.0, 1e4, 1e6)
 SAMPLE = range(4)
@@ -119,7 +120,7 @@ def test_disk_margins_do_not_change_with_units(seed):
 
 def test_the_worst_margin_does_not_change_with_units():
     lag = ss([[0.0, 1.0], [0.0, -2.0]], [[0.0], [1.0]], [[2.0, 0.0]], 0.0)
-    loop = ureal("gain", low=0.5, high=1.5) @ lag
+    loop = ureal("gain", range=(0.5, 1.5)) @ lag
     other = in_other_units(loop, np.random.default_rng(3))
     assert wcmargin(other, accuracy=0.2) == pytest.approx(wcmargin(loop, accuracy=0.2), rel=0.02)
 
@@ -166,7 +167,7 @@ def test_the_two_carts_have_the_margin_of_their_worst_corner_and_a_finite_worst_
 
 def two_carts() -> Uncertain:
     """From the reference to the position of the second cart; masses and spring 1 within 20 %."""
-    m1, m2, k = (ureal(name, low=0.8, high=1.2) for name in ("m1", "m2", "k"))
+    m1, m2, k = (ureal(name, range=(0.8, 1.2)) for name in ("m1", "m2", "k"))
     force = k @ np.array([[1.0, -1.0, 0.0, 0.0, 0.0]])  # of (x1, x2, v1, v2, u)
     first = m1.inverse() @ (np.array([[0.0, 0.0, 0.0, 0.0, 1.0]]) - force)
     second = m2.inverse() @ force
@@ -176,7 +177,7 @@ def two_carts() -> Uncertain:
     f = 100.0 ** (1 / 3)
     once = Uncertain(M=Lti(A=[[-1000.0]], B=[[999000.0**0.5]], C=[[-f * 999000.0**0.5]], D=[[1000.0 * f]]))
     error = np.array([[1.0], [-1.0]]) @ carts @ np.array([[0.0, 1.0]]) + np.array([[0.0, 0.0], [1.0, 0.0]])
-    return close_loop(error, (once @ once @ once).M)
+    return lft(error, (once @ once @ once).M)
 
 
 def append_rows(first: Uncertain, second: Uncertain) -> Uncertain:
@@ -185,7 +186,7 @@ def append_rows(first: Uncertain, second: Uncertain) -> Uncertain:
 
 def test_static_systems_of_parameters_have_their_mu():
     # 1 + 2 a is singular at a = -.5, which is -.6 of the range from .25
-    loop = close_loop(ureal("a", low=-1.0, high=1.5) @ gain([[2.0]]), gain([[-1.0]]))
+    loop = lft(ureal("a", range=(-1.0, 1.5)) @ gain([[2.0]]), gain([[-1.0]]))
     found = mu(loop)
     assert found.lower == pytest.approx(1.0 / 0.6)
     assert found.delta == {"a": pytest.approx(-0.6)}

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gustproof.robust.lft.uncertain_system import Uncertain
-from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
 from gustproof.robust.lti.balancing import balancing_units
 from gustproof.robust.lti.norms import eigenvalues
-from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, gain
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 _CHANGED = 1e-7
 """[-] relative change of a coefficient of the response that counts as one, beside rounding."""
@@ -22,10 +21,19 @@ _ANGLE = 1.2
 """[rad] argument of those points."""
 
 
-def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
-    """Return the same uncertain system without its unreachable and unobservable states and repetitions.
+class Lft(NamedTuple):
+    """A known part and the blocks that close its first channels."""
 
-    The reachable part covers the state and every real block at once: the least set of subspaces that contains the
+    M: Lti
+    """Known part, channels of Delta first."""
+    blocks: tuple[DeltaBlock, ...]
+    """Blocks of Delta."""
+
+
+def reduce(M: Lti, blocks: tuple[DeltaBlock, ...], *, accuracy: float = 1e-10) -> Lft:
+    """Return the LFT without its unreachable and unobservable states and repetitions.
+
+    The reachable part covers the state and every repeated block at once: the least set of subspaces that contains the
     images of the inputs and of each other. The observable part is the same for the transpose. It finds the least order
     when the parameters do not commute; for numbers, which do, a smaller model may exist. The input and output of a full
     block count as external.
@@ -36,49 +44,54 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     units and each direction is compared with its own terms; what still changes a response is kept. Units do not matter.
     Cost: some n rounds of one singular value decomposition a block.
 
-    Raises
-    ------
-    ValueError
-        If `accuracy` is not between 0 and 1.
-
     References
     ----------
     R. D'Andrea, S. Khatri, Kalman decomposition of linear fractional transformation representations and minimality,
     American Control Conference 1997, 3557-3561.
-
-    Examples
-    --------
-    >>> from gustproof import simplify, ureal
-    >>> gain = ureal("gain", low=0.8, high=1.2)
-    >>> ((gain + gain).n_w, simplify(gain + gain).n_w)
-    (2, 1)
     """
-    if not np.isfinite(accuracy) or not 0.0 < accuracy < 1.0:
-        raise ValueError(f"accuracy is {accuracy!r}, must be between 0 and 1")
-    before = None
+    before: Lft | None = None
+    system = Lft(M, blocks)
     while system is not before:  # a smaller system has less rounding, and may let go of more
         before = system
         system = _restrict(_restrict(system, accuracy, dual=False), accuracy, dual=True)
     return system
 
 
+def reduce_copies(M: Lti, blocks: tuple[DeltaBlock, ...]) -> Lft:
+    """Return the LFT without repetitions that the matrix `[A B; C D]` of the parameters does without.
+
+    States stay: what they hide may be unstable.
+    """
+    n, z, w = M.order, sum(block.shape[1] for block in blocks), sum(block.shape[0] for block in blocks)
+    whole = np.block(
+        [[M.D[:z, :w], M.C[:z], M.D[:z, w:]], [M.B[:, :w], M.A, M.B[:, w:]], [M.D[z:, :w], M.C[z:], M.D[z:, w:]]]
+    )
+    found = reduce(gain(whole), blocks)
+    if sum(block.repeats for block in found.blocks) == sum(block.repeats for block in blocks):
+        return Lft(M, blocks)
+    D, z, w = found.M.D, *(sum(block.shape[axis] for block in found.blocks) for axis in (1, 0))
+    into, out = [*range(w), *range(w + n, D.shape[1])], [*range(z), *range(z + n, D.shape[0])]
+    A, B, C = D[z : z + n, w : w + n], D[z : z + n, into], D[out, w : w + n]
+    return Lft(Lti(A=A, B=B, C=C, D=D[np.ix_(out, into)], dt=M.dt), found.blocks)
+
+
 class _Equations(NamedTuple):
-    """The matrix from (x, w, external inputs) to (x', z, external outputs), w and z of the real blocks alone."""
+    """The matrix from (x, w, external inputs) to (x', z, external outputs), w and z of the reduced blocks alone."""
 
     whole: Matrix
     """Rows (x', z_Delta, y), columns (x, w_Delta, u), in the order of the system."""
     z: list[slice]
-    """Rows of the states, then of each real block."""
+    """Rows of the states, then of each reduced block."""
     w: list[slice]
-    """Columns of the states, then of each real block."""
+    """Columns of the states, then of each reduced block."""
     reals: list[int]
-    """Index of each real block among all."""
+    """Index of each reduced block among all: parameters, and complex numbers that repeat."""
 
 
-def _equations(system: Uncertain) -> _Equations:
+def _equations(system: Lft) -> _Equations:
     M, n = system.M, system.M.order
     whole = np.block([[M.A, M.B], [M.C, M.D]])
-    reals = [k for k, block in enumerate(system.blocks) if isinstance(block, RealBlock)]
+    reals = [k for k, block in enumerate(system.blocks) if isinstance(block, RealBlock) or block.repeats > 1]
     z = [slice(0, n), *(_shift(columns(system.blocks)[k], n) for k in reals)]
     w = [slice(0, n), *(_shift(rows(system.blocks)[k], n) for k in reals)]
     return _Equations(whole=whole, z=z, w=w, reals=reals)
@@ -93,7 +106,7 @@ def _balance(own: _Equations) -> _Equations:
     return own._replace(whole=whole)
 
 
-def _restrict(system: Uncertain, accuracy: float, *, dual: bool) -> Uncertain:
+def _restrict(system: Lft, accuracy: float, *, dual: bool) -> Lft:
     """Return the system on its reachable subspaces, or on its observable ones (`dual`); as it was if responses change.
 
     First, images count as rounding against the largest coefficient of all: what should cancel is then removed. In bad
@@ -118,7 +131,7 @@ def _restrict(system: Uncertain, accuracy: float, *, dual: bool) -> Uncertain:
     return system
 
 
-def _system(found: _Equations, system: Uncertain, ranks: list[int]) -> Uncertain:
+def _system(found: _Equations, system: Lft, ranks: list[int]) -> Lft:
     """Return the equations as an uncertain system with the blocks of another, resized."""
     whole, order = found.whole, ranks[0]
     M = Lti(
@@ -130,7 +143,7 @@ def _system(found: _Equations, system: Uncertain, ranks: list[int]) -> Uncertain
     )
     repeats = dict(zip(found.reals, ranks[1:], strict=True))
     blocks = [_resize_block(block, repeats.get(k)) for k, block in enumerate(system.blocks)]
-    return Uncertain(M=M, blocks=tuple(block for block in blocks if block is not None))
+    return Lft(M, tuple(block for block in blocks if block is not None))
 
 
 def _invariant_subspaces(whole: Matrix, z: list[slice], w: list[slice], accuracy: float, least: float) -> list[Matrix]:
@@ -248,7 +261,7 @@ def _resize(parts: list[slice], widths: list[int]) -> list[slice]:
 
 
 def _resize_block(block: DeltaBlock, rank: int | None) -> DeltaBlock | None:
-    if rank is None or not isinstance(block, RealBlock):
+    if rank is None:
         return block
     return replace(block, repeats=rank) if rank else None
 

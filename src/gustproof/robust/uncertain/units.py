@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gustproof.robust.lft.uncertainty import DeltaBlock, RealBlock, columns, rows
 from gustproof.robust.lti.balancing import separating_units, state_units
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
 
 _POINTS = 9
 """Frequencies at which channels are compared, from a tenth of the slowest pole to ten times the fastest."""
@@ -99,7 +99,7 @@ def _groups(blocks: tuple[DeltaBlock, ...], parts: Sequence[slice]) -> list[slic
     """Return the channels that have one unit: those of a full block, and each one of a parameter."""
     found: list[slice] = []
     for block, part in zip(blocks, parts, strict=True):
-        single = isinstance(block, RealBlock)
+        single = isinstance(block, RealBlock) or block.repeats > 1
         found += [slice(k, k + 1) for k in range(part.start, part.stop)] if single else [part]
     return found
 

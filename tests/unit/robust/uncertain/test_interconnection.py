@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from gustproof.robust.lft.interconnection import Block, Interconnection, Signal, Sum
 from gustproof.robust.lti.state_space import Lti, gain
+from gustproof.robust.uncertain.interconnection import Block, Interconnection, Signal, Sum
 
 G = Lti(A=[[-1.0]], B=[[1.0]], C=[[1.0]], D=[[0.5]])
 

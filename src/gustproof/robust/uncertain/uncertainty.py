@@ -1,14 +1,19 @@
 """Blocks of Delta, the unknowns of an uncertain model, normalised: 0 is nominal and 1 the edge of the range."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.state_space import Matrix, as_lti
+
+_BEYOND = 1e-9
+"""[-] excess of a value over its range, next to the range, that counts as rounding."""
 
 Delta = Mapping[str, ArrayLike]
 """A value for each named block: a number in [-1, 1] for a real parameter, a matrix of norm <= 1 for a full block.
@@ -71,15 +76,28 @@ class RealBlock:
         off = np.asarray(value, dtype=np.float64) - self.nominal
         return np.asarray(off / (b - c * off))
 
+    def normalise(self, value: ArrayLike) -> float:
+        """Return the normalised value of a number in the range; refuse any other."""
+        number = np.asarray(value)
+        edge = _BEYOND * (self.high - self.low)
+        inside = number.size == 1 and np.isrealobj(number) and self.low - edge <= number.item() <= self.high + edge
+        if not inside:
+            raise ValueError(f"parameter '{self.name}' is {value!r}, must be in [{self.low:g}, {self.high:g}]")
+        return float(np.clip(self.delta(number.item()), -1.0, 1.0))
+
+    def describe(self) -> str:
+        """Return what it is in one line."""
+        return f"{self.name}: real, {self.nominal:g} in [{self.low:g}, {self.high:g}], {_count(self.repeats)}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullBlock:
-    """A complex full block of norm <= 1: unmodelled dynamics (MATLAB: `ultidyn`, `ucomplexm`) or performance channel.
+    """A complex full block of norm <= 1: unmodelled dynamics (MATLAB: `ultidyn`, `ucomplex`) or performance channel.
 
     Raises
     ------
     ValueError
-        If the block has no inputs or no outputs.
+        If the block has no inputs or no outputs, or one that is not 1 x 1 is repeated.
     """
 
     name: str
@@ -88,17 +106,53 @@ class FullBlock:
     """Number of rows."""
     n_inputs: int = 1
     """Number of columns."""
+    repeats: int = 1
+    """Number of occurrences on the diagonal."""
+    nominal: float = 0.0
+    """[as the block] value at delta = 0."""
+    bound: float = 1.0
+    """[as the block] distance from `nominal` at norm 1."""
+    is_dynamic: bool = True
+    """False for a complex number, the same at all frequencies."""
 
     def __post_init__(self) -> None:
         """Check the name and the size."""
         _require_name(self.name)
-        if min(self.shape) < 1:
+        if min(self.n_outputs, self.n_inputs, self.repeats) < 1:
             raise ValueError(f"block '{self.name}' is {self.n_outputs} x {self.n_inputs}, must be at least 1 x 1")
+        if self.repeats > 1 and (self.n_outputs, self.n_inputs) != (1, 1):
+            raise ValueError(f"block '{self.name}' occurs twice; only one of 1 x 1 may")
+        if not (np.isfinite([self.nominal, self.bound]).all() and self.bound > 0.0):
+            raise ValueError(f"block '{self.name}': needs a finite nominal value and a positive bound")
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Outputs and inputs of the block."""
-        return (self.n_outputs, self.n_inputs)
+        """Outputs and inputs of the block, repetitions counted."""
+        return (self.repeats * self.n_outputs, self.repeats * self.n_inputs)
+
+    def normalise(self, value: Any) -> Any:
+        """Return the normalised value of a matrix or stable system within the bound; refuse any other."""
+        if hasattr(value, "A") or hasattr(value, "num"):
+            system = as_lti(value)
+            size = hinf_norm(system).gain if self.is_dynamic else np.inf
+            normed: Any = replace(system, C=system.C / self.bound, D=system.D / self.bound)
+        else:
+            normed = (np.atleast_2d(value) - self.nominal) / self.bound
+            size = self.bound * float(np.linalg.norm(normed, 2)) if np.isfinite(normed).all() else np.inf
+        if not size <= (1.0 + _BEYOND) * self.bound:
+            raise ValueError(f"block '{self.name}' has the size {size:.6g}, must be at most {self.bound:g}")
+        return normed
+
+    def describe(self) -> str:
+        """Return what it is in one line."""
+        if not self.is_dynamic:
+            return f"{self.name}: complex, within {self.bound:g} of {self.nominal:g}, {_count(self.repeats)}"
+        size = f"{self.n_outputs} x {self.n_inputs}"
+        return f"{self.name}: unknown dynamics, {size}, gain at most {self.bound:g}, {_count(self.repeats)}"
+
+
+def _count(repeats: int) -> str:
+    return "occurs once" if repeats == 1 else f"occurs {repeats} times"
 
 
 def _require_name(name: str) -> None:
@@ -132,17 +186,19 @@ def delta_matrix(blocks: tuple[DeltaBlock, ...], delta: Delta) -> Matrix:
     """
     if unknown := sorted(set(delta) - {block.name for block in blocks}):
         raise ValueError(f"unknown parameter '{unknown[0]}', there are {', '.join(block.name for block in blocks)}")
-    parts = []
-    for block in blocks:
-        value = np.asarray(delta.get(block.name, np.zeros(block.shape)), dtype=np.float64)
-        if isinstance(block, RealBlock) and value.ndim == 0:
-            value = value * np.eye(block.repeats)
-        if value.shape != block.shape and value.size == block.shape[0] * block.shape[1] == 1:
-            value = value.reshape(1, 1)
-        if value.shape != block.shape:
-            raise ValueError(f"block '{block.name}' has the shape {block.shape}, its value {value.shape}")
-        parts.append(value)
+    parts = [
+        _fill(block, np.asarray(delta.get(block.name, np.zeros(block.shape)), dtype=np.float64)) for block in blocks
+    ]
     return np.asarray(scipy.linalg.block_diag(*parts) if parts else np.zeros((0, 0)), dtype=np.float64)
+
+
+def _fill(block: DeltaBlock, value: Matrix) -> Matrix:
+    """Return the part of Delta that a value makes: a number is repeated."""
+    if value.size == 1 and (isinstance(block, RealBlock) or block.shape == (block.repeats, block.repeats)):
+        value = value.item() * np.eye(block.repeats)
+    if value.shape != block.shape:
+        raise ValueError(f"block '{block.name}' has the shape {block.shape}, its value {value.shape}")
+    return value
 
 
 def _slices(sizes: list[int]) -> tuple[slice, ...]:
