@@ -3,12 +3,12 @@
 import math
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import PARAMETER_SUFFIXES, read_gains, tell_remarks
+from gustproof.cli.laws import PARAMETER_SUFFIXES, is_log, read_gains, tell_remarks
 from gustproof.cli.options import (
     AsJson,
     FigureData,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
     from gustproof.law.form import Law
+    from gustproof.logs.read.flight_log import FlightLog
 
 
 class LawStructure(Enum):
@@ -103,8 +104,8 @@ def tune(
     else:
         refuse_given(context, ("law", "figure"), "--for and --from tune the autopilot's own loops")
         start = None if flown is None else _read_flown(flown, autopilot, vehicles)
-        kind, law_flown = start or (autopilot.value if autopilot else "", None)
-        _tune_autopilot(kind, law_flown, vehicles, script, slew, ms, output, as_json=as_json)
+        kind = start.kind if start is not None else autopilot.value if autopilot else ""
+        _tune_autopilot(kind, start, vehicles, script, slew, ms, output, as_json=as_json)
     if not as_json:
         _print_next(context, output, vehicle, flown, ".json" if is_law else PARAMETER_SUFFIXES[0])
 
@@ -151,28 +152,41 @@ def _tune_law(
             print(f"{kind} in {path}")
 
 
-def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "VehicleSet") -> "tuple[str, Law]":
-    """Return the autopilot and the loops of a file's parameters; tell on stderr what is taken for granted of them.
+class _Flown(NamedTuple):
+    """Loops to start from."""
+
+    kind: str
+    """Autopilot."""
+    law: "Law"
+    """Loops."""
+    log: "FlightLog | None"
+    """Log that they are of; `None` for a file of parameters."""
+
+
+def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "VehicleSet") -> _Flown:
+    """Return the loops of a file's parameters; tell on stderr what is taken for granted of them.
 
     Raises
     ------
     ConfigError
         If they are of no autopilot, or not of the one that is given.
     """
+    from gustproof.logs.read.read_log import read_log
     from gustproof.studies.rate.advice import autopilot_kind
 
-    law, _, remarks = read_gains(source, vehicles.nominal)
+    log = read_log(Path(source)) if is_log(source) else None
+    law, _, remarks = read_gains(source, vehicles.nominal, log=log)
     kind = autopilot_kind(law)
     if kind is None or (autopilot is not None and kind != autopilot.value):
         wanted = "PX4 or ArduPilot" if autopilot is None else f"--for {autopilot.value}"
         raise ConfigError(f"--from {source}: holds no parameters of {wanted}")
     tell_remarks(law.name, remarks)
-    return kind, law
+    return _Flown(kind, law, log)
 
 
 def _tune_autopilot(
     kind: str,
-    flown: "Law | None",
+    start: _Flown | None,
     vehicles: "VehicleSet",
     script: "Scenario",
     slew: float | None,
@@ -185,23 +199,30 @@ def _tune_autopilot(
     from gustproof.design.tune import wanted_slew
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
+    from gustproof.studies.rate.filter_tuning import tune_flown
     from gustproof.studies.rate.tuning_steps import plan_steps
 
-    limit, given = wanted_slew(vehicles.nominal, script, slew, ms), {} if flown is None else flown.provenance.parameters
+    limit, steps, filters = wanted_slew(vehicles.nominal, script, slew, ms), [], ""
     with progress(f"tuning {kind}", quiet=as_json) as shown:
-        tuning = tune_gains(kind, vehicles, script, slew=limit, sensitivity_peak=ms, flown=given, progress=shown)
-        steps = [] if flown is None else plan_steps(tuning, flown, vehicles, script)
+        if start is None:
+            tuning = tune_gains(kind, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown)
+        else:
+            tuning, filters = tune_flown(
+                start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
+            )
+            steps = plan_steps(tuning, start.law, vehicles, script)
     written = steps[1].tuning if steps else tuning
     if output is not None:
         save_tuning(written, vehicles.nominal, output)
     if as_json:
         errors = {"rmse_deg": math.degrees(written.seen_rmse), "true_rmse_deg": math.degrees(written.rmse)}
         figures = {"Ms": written.Ms, "slew": written.slew, **errors}
-        document = {"law": tuning.law.name, **figures, "parameters": written.parameters}
-        print_json({**document, **({"steps": steps_document(steps)} if steps else {})})
+        document = {"law": tuning.law.name, **figures, "parameters": {**written.parameters, **written.notches}}
+        print_json({**document, **({"filters": filters, "steps": steps_document(steps)} if steps else {})})
         return
     if steps:
         show(render_steps(steps))
+        print(filters)
     else:
         for name, value in tuning.parameters.items():
             print(f"{name} {value:g}")

@@ -8,7 +8,7 @@ searched again beside it.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -83,6 +83,8 @@ class _Structure(NamedTuple):
     """Values of others."""
     notches: tuple[str, ...]
     """Names of what switches a notch on; the others of a notch begin alike."""
+    most_corner: float = math.inf
+    """[Hz] largest corner of a filter."""
     is_law: bool = False
     """True for the gains of a law, which no autopilot's document bounds."""
 
@@ -147,6 +149,8 @@ class AutopilotTuning:
     """[-] largest sensitivity peak of the axes."""
     corner_Ms: float
     """[-] the same at the corners of the vehicle's spreads."""
+    notches: Mapping[str, float] = field(default_factory=dict)
+    """Changes of notches that belong to the gains [in their units]."""
 
     def describe_error(self) -> str:
         """Return the predicted error, the true one first."""
@@ -163,7 +167,8 @@ class AutopilotTuning:
         """Return what the gains take for granted about notches."""
         values = self.law.provenance.parameters
         found = [name for name in _STRUCTURES[self.kind].notches if values.get(name)]
-        return f"designed with the notches of {', '.join(found)} as judged" if found else "designed without notches"
+        kept = "" if self.notches else " as judged"
+        return f"designed with the notches of {', '.join(found)}{kept}" if found else "designed without notches"
 
 
 def tune_gains(
@@ -175,6 +180,7 @@ def tune_gains(
     sensitivity_peak: float = 1.4,
     in_simulation: bool = True,
     in_ranges: bool = True,
+    most_corner: float = math.inf,
     flown: Mapping[str, float] = MappingProxyType({}),
     progress: Callable[[float, str], None] = lambda _share, _text: None,
 ) -> AutopilotTuning:
@@ -198,6 +204,7 @@ def tune_gains(
     autopilot, vehicle = AUTOPILOTS[kind], vehicles.nominal
     structure = _STRUCTURES[kind].with_notches(flown)
     structure = structure if in_simulation else structure.as_law(vehicle)
+    structure = structure._replace(most_corner=most_corner)
     if in_simulation:
         check_measured(vehicle)
         scenario = scenario_for(kind, scenario, autopilot.find_rate(flown)[0])
@@ -245,7 +252,7 @@ def tune_gains(
 def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
     """Write gains and filters of a tuning as a file that ground stations load over the user's parameters.
 
-    Nothing else is written: frame, motors, hover thrust, notches and limits stay those of the user's autopilot.
+    Nothing else is written: frame, motors, hover thrust, limits, and notches that are not changed, stay the user's.
     """
     curve = "THR_MDL_FAC" if tuning.kind == "px4" else "MOT_THST_EXPO"
     source = "of the log" if is_measured(vehicle) else f"of the vehicle file; {curve} must make the thrust linear"
@@ -257,7 +264,8 @@ def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
         tuning.describe_notches(),
         *tuning.outside_ranges(),
     ]
-    own = {name: f"{value:g}" for name, value in tuning.parameters.items() if not name.endswith(_LIMITS_OF_USERS)}
+    written = {**tuning.parameters, **tuning.notches}
+    own = {name: f"{value:g}" for name, value in written.items() if not name.endswith(_LIMITS_OF_USERS)}
     write_parameters(own, path, GROUND_STATION_FORMS[tuning.kind], head)
 
 
@@ -397,7 +405,8 @@ class _Search:
         lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
         usual = _LATENESS / lateness
         angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
-        least, most = self._structure.corners[0], self._structure.corners[1] * self._rate
+        least, share = self._structure.corners
+        most = max(least, min(share * self._rate, self._structure.most_corner))
         filters = len(self._structure.own[0]) - 4
         rows = []
         for axis, (angle_p, *_) in enumerate(self._structure.own):

@@ -27,7 +27,7 @@ def render_steps(steps: Sequence[TuningStep]) -> Renderable:
             *(_cell(value) for value in (math.degrees(tuning.rmse), tuning.slew, tuning.Ms, tuning.corner_Ms)),
             *(("-", "-") if margins is None else (_cell(margins.gain_margin), _cell(1e3 * margins.delay_margin))),
         )
-    now, first, last = (steps[at].tuning.parameters for at in (0, 1, -1))
+    now, first, last = ({**each.parameters, **each.notches} for each in (steps[at].tuning for at in (0, 1, -1)))
     values = Table("parameter", "now", "step 1", f"step {len(steps) - 1}", title=f"At most {MOST_GAIN:g} times a step")
     for name in last:
         values.add_row(name, *(_cell(each.get(name, math.inf)) for each in (now, first, last)))

@@ -1,7 +1,7 @@
 """Filters of an autopilot's gyro, weighed: what each lets through of a flight's vibration, and what its phase costs."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.law.form import Law
 from gustproof.logs.identify.gyro_spectrum import LOWEST_HZ, GyroSpectrum, VibrationLine
 from gustproof.robust.lti.margins import input_margins
 from gustproof.types import Array
@@ -18,8 +19,13 @@ from gustproof.types import Array
 _CORNERS = (0.7, 1.4, 2.0)  # of the gyro's low-pass
 _LOW_PASS = {"px4": "IMU_GYRO_CUTOFF", "ardupilot": "INS_GYRO_FILTER"}
 _SWITCH = {"px4": ("IMU_GYRO_NF0_FRQ",), "ardupilot": ("INS_HNTCH_ENABLE", "INS_HNTC2_ENABLE")}
+_FOLLOWING = {
+    "px4": (("IMU_GYRO_DNF_EN", ""),),
+    "ardupilot": (("INS_HNTCH_ENABLE", "INS_HNTCH_MODE"), ("INS_HNTC2_ENABLE", "INS_HNTC2_MODE")),
+}  # switch, and mode other than 0, of notches that move
 _WIDTH = 0.4  # of a notch, by its frequency
 _NOTCHED = 2  # lines that a notch is tried for
+_OFF = "all notches off"
 _SAME = 1.01  # [-] of Ms
 _WORTH = 0.95  # [-] of vibration or delay margin, beyond which filters are no better
 QUIET = 0.01
@@ -100,13 +106,24 @@ def _candidates(
         if settings[low_pass].low <= value <= settings[low_pass].high and value
     ]
     yield from corners
-    if any(parameters.get(name, 0.0) for name in _SWITCH[kind]):
-        yield "all notches off", dict.fromkeys(_SWITCH[kind], 0.0)
-    for line in lines[:_NOTCHED]:
-        notched = _notch(kind, line.hertz)
-        label = f"notch at {line.hertz:.0f} Hz"
+    for label, notched in notch_choices(kind, parameters, lines):
         yield label, notched
-        yield from ((f"{label}, {also}", notched | changes) for also, changes in corners[1:])
+        if label != _OFF:
+            yield from ((f"{label}, {also}", {**notched, **changes}) for also, changes in corners[1:])
+
+
+def notch_choices(
+    kind: str, parameters: Mapping[str, float], lines: Sequence[VibrationLine]
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """Yield other notches than those of `parameters`: none, and one at each of the strongest lines.
+
+    Notches that follow the rotors' speed or a spectrum are kept: how much they take away is not known here.
+    """
+    if any(parameters.get(switch, 0.0) and parameters.get(mode, 1.0) for switch, mode in _FOLLOWING[kind]):
+        return
+    if any(parameters.get(name, 0.0) for name in _SWITCH[kind]):
+        yield _OFF, dict.fromkeys(_SWITCH[kind], 0.0)
+    yield from ((f"notch at {line.hertz:.0f} Hz", _notch(kind, line.hertz)) for line in lines[:_NOTCHED])
 
 
 def _notch(kind: str, hertz: float) -> dict[str, float]:
@@ -134,19 +151,23 @@ def _weigh(
         if not changes:
             raise
         return None
-    K = loop_law(law)
     try:
-        loops = input_margins(hover_plant(vehicle, scenario), K)
+        loops = input_margins(hover_plant(vehicle, scenario), loop_law(law))
     except ValueError:  # unstable
         loops = ()
-    seen = (spectrum.hertz >= LOWEST_HZ) & (spectrum.hertz < 0.5 * scenario.control_rate_hz)
-    gains = np.abs(K.response(2.0 * math.pi * spectrum.hertz[seen]))
-    step = spectrum.hertz[1] - spectrum.hertz[0]
-    square: Array = np.einsum("fij,jf->i", gains**2, spectrum.density[:, seen]) * step
     return FilterChoice(
         label=label,
         changes=dict(changes),
-        shaking=tuple((np.sqrt(square) / np.array(vehicle.torque_limit)).tolist()),
+        shaking=shaking(law, spectrum, vehicle),
         Ms=tuple(loop.Ms for loop in loops),
         delay_ms=tuple(1e3 * loop.delay_margin for loop in loops),
     )
+
+
+def shaking(law: Law, spectrum: GyroSpectrum, vehicle: Vehicle) -> tuple[float, ...]:
+    """Return the rms [-] of the command about each axis that vibration makes, of full scale."""
+    seen = (spectrum.hertz >= LOWEST_HZ) & (spectrum.hertz < 0.5 / law.dt)
+    gains = np.abs(loop_law(law).response(2.0 * math.pi * spectrum.hertz[seen]))
+    step = spectrum.hertz[1] - spectrum.hertz[0]
+    square: Array = np.einsum("fij,jf->i", gains**2, spectrum.density[:, seen]) * step
+    return tuple((np.sqrt(square) / np.array(vehicle.torque_limit)).tolist())

@@ -34,8 +34,8 @@ def plan_steps(tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenar
     """Return the gains that are `flown`, as step 0, and those of each step to a tuning.
 
     Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
-    more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. What the tuning sets to 0, such as a filter, is 0
-    from step 1 on.
+    more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. What the tuning sets to 0, such as a filter, and
+    its notches are as there from step 1 on.
     """
     now = flown.provenance.parameters
     goal = {name: value for name, value in tuning.parameters.items() if name in now}
@@ -48,7 +48,9 @@ def plan_steps(tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenar
     steps = [start]
     for number in range(1, count + 1):
         values = {**goal, **{name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}}
-        law = autopilot_law(tuning.kind, {**now, **values}, vehicles.nominal, rate_hz=round(1.0 / flown.dt)).law
+        law = autopilot_law(
+            tuning.kind, {**now, **tuning.notches, **values}, vehicles.nominal, rate_hz=round(1.0 / flown.dt)
+        ).law
         steps.append(_assess(tuning, law, values, vehicles, scenario))
     return steps
 
