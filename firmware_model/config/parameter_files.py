@@ -17,6 +17,8 @@ _FORMS = (  # beside those of a name and a value alone
     re.compile(r"param\s+set(?:-default)?\s+(?:-s\s+)?(\w+)\s+(\S+)"),  # PX4's airframe files
     re.compile(r"[x ]? *[+*]? *(\w+) \[\d+,\d+\] : (\S+)"),  # `param show` in PX4's shell
 )
+_SCRIPT = re.compile(r"\s*(param\s+set|#!|\. \$\{R\})")  # begins lines of PX4's airframe files
+_CLASS = re.compile(r"\s*\.\s.*\brc\.(?!mc_|vtol_)(\w+)_defaults\b")
 _SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
 _MOST_INCLUDES = 32
 SUFFIXES = (".params", ".param", ".parm")
@@ -40,7 +42,7 @@ def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str]
     Raises
     ------
     ConfigError
-        If there is no such file or set, or a line holds no parameter.
+        If there is no such file or set, a line holds no parameter, or it is the airframe file of no multicopter.
     """
     path = Path(name_or_path)
     if path.suffix not in SUFFIXES:
@@ -61,6 +63,8 @@ class _Reader:
         """Take the lines of a file."""
         lines = _read_lines(path)
         others = list[str]()
+        if found := next(filter(None, map(_CLASS.match, lines)), None):
+            raise ConfigError(f"{path}: takes rc.{found[1]}_defaults, those of no multicopter")
         for number, line in enumerate(lines, 1):
             words = _split(line)
             if words[:1] == ["@include"]:
@@ -70,7 +74,7 @@ class _Reader:
             elif words:
                 others.append(f"line {number}: '{sanitize_line(line)}'")
         if others:
-            self._tell(path, others, is_script=any(re.match(r"\s*param\s+set", line) for line in lines))
+            self._tell(path, others, is_script=any(map(_SCRIPT.match, lines)))
 
     def _tell(self, path: Path, others: list[str], *, is_script: bool) -> None:
         """Remark on lines that are no parameters, or refuse them."""

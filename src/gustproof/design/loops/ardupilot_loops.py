@@ -185,6 +185,10 @@ ARDUPILOT = AutopilotLoops(
     gains=r"ATC_(ANG_(RLL|PIT|YAW)_P|RAT_(RLL|PIT|YAW)_[PID])",
     filters=r"INS_GYRO_FILTER|INS_HNTC(H|2)_ENABLE",
     strangers=_STRANGERS,
+    classes=(
+        "FRAME_CLASS",
+        {**dict.fromkeys((6.0, 11.0, 13.0), "helicopter"), 8.0: "single copter", 9.0: "coax copter"},
+    ),
     loop_rate=("SCHED_LOOP_RATE", 50.0, 2000.0),
     rotors=_rotors,
 )

@@ -25,6 +25,13 @@ from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
 _NAMES, _LIMITS = ("ROLL", "PITCH", "YAW"), ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
 _LEAST = 1e-4  # of an angle gain or yaw weight: below it PX4 holds no attitude
 _VTOL = (2.0, 3.0, 4.0)  # CA_AIRFRAME of standard VTOL, tiltrotor and tailsitter
+_CLASSES = {  # control_allocator's module.yaml of 1.17
+    1.0: "plane",
+    **dict.fromkeys((5.0, 6.0, 13.0), "rover"),
+    7.0: "vehicle whose motors push in all directions",
+    **dict.fromkeys((10.0, 11.0, 12.0), "helicopter"),
+    **dict.fromkeys((14.0, 15.0), "spacecraft"),
+}
 _DYNAMIC = 3  # bits of IMU_GYRO_DNF_EN: notches that follow the speed of rotors, or a spectrum
 
 
@@ -143,6 +150,7 @@ PX4 = AutopilotLoops(
         r"(GND|RD|RA|RM|RO)_\w+": "unless it hovers: of a rover, only multicopters are judged",
         r"UUV_\w+": "unless it hovers: of a submarine, only multicopters are judged",
     },
+    classes=("CA_AIRFRAME", _CLASSES),
     loop_rate=("IMU_GYRO_RATEMAX", 100.0, 8000.0),
     rotors=_rotors,
 )

@@ -83,6 +83,8 @@ class AutopilotLoops(NamedTuple):
     """Regular expression of the filters that are named where they are at their defaults."""
     strangers: Mapping[str, str]
     """Regular expressions of names that tell another class of vehicle or version, and what is said of them."""
+    classes: tuple[str, Mapping[float, str]]
+    """Parameter that tells the class of vehicle, and its values of those that are no multicopters."""
     loop_rate: tuple[str, float, float]
     """Parameter of the loops' rate, its least and its largest value [Hz]."""
     rotors: Callable[[Mapping[str, float]], tuple[str, int] | None]
@@ -119,6 +121,9 @@ class AutopilotLoops(NamedTuple):
             found = [name for name in parameters if re.fullmatch(names, name)]
             if found and not (has_gains and meaning.startswith(_BESIDE)):
                 raise ConfigError(f"{', '.join(found[:_FEW])}: {meaning.removeprefix(_BESIDE)}")
+        name, others = self.classes
+        if other := others.get(parameters.get(name, 0.0)):
+            raise ConfigError(f"{name} {parameters[name]:g}: of a {other}, only multicopters are judged")
         if not has_gains:
             raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
 
