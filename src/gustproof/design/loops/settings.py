@@ -84,7 +84,7 @@ class AutopilotLoops(NamedTuple):
     strangers: Mapping[str, str]
     """Regular expressions of names that tell another class of vehicle or version, and what is said of them."""
     classes: tuple[str, Mapping[float, str]]
-    """Parameter that tells the class of vehicle, and its values of those that are no multicopters."""
+    """Parameter that tells the class of vehicle, and its values [-] of those that are no multicopters."""
     loop_rate: tuple[str, float, float]
     """Parameter of the loops' rate, its least and its largest value [Hz]."""
     rotors: Callable[[Mapping[str, float]], tuple[str, int] | None]
