@@ -3,6 +3,7 @@
 Each flight climbs from the ground on equal rotors and coasts to a level hover: SIH begins in no other state. Unequal
 rotors settle within a step there (`SIH_T_TAU`). A pulse of the rotors begins a spin, after which it is not level. Its
 steps are Euler's: it takes several in a step of the audit, as the error of one is seen beside its large drag.
+Versions of 2026 have a steady wind, from the first step on: it carries the vehicle before the audit looks.
 """
 
 from functools import cached_property
@@ -35,7 +36,8 @@ _STEP_US = 1000
 _RESOLUTION = 0.001  # [-] of a command
 _REST = 0.01  # [m/s]
 _LEVEL, _SPIN = 1e-3, 0.01  # [rad] or [rad/s]; [rad/s] error of a spin
-_NO_WIND = "SIH has no wind"
+_NO_WIND, _NO_GUSTS = "SIH has no such wind", "SIH has no turbulence"
+_WINDS = ("SIH_WIND_N", "SIH_WIND_E")  # [m/s] of the wind from north and east
 
 
 class Px4Sih(Simulator):
@@ -47,11 +49,14 @@ class Px4Sih(Simulator):
         self._build = find_build(build)
 
     @cached_property
+    def _values(self) -> dict[str, float]:
+        return record_flight(self._build, {}, [AuditPhase(np.zeros(ROTORS), _SPARE_S)], _FAST).parameters
+
+    @cached_property
     def airframe(self) -> Airframe:
         """Vehicle of SIH's parameters; which rotor is where and turns how is as PX4's mixer has it."""
-        values = record_flight(self._build, {}, [AuditPhase(np.zeros(ROTORS), _SPARE_S)], _FAST).parameters
         try:
-            return _airframe(values)
+            return _airframe(self._values)
         except KeyError as missing:
             raise ConfigError(f"audit px4: PX4 has no parameter {missing}") from None
 
@@ -59,11 +64,9 @@ class Px4Sih(Simulator):
         self, seed: int, dt: float, air: RequestedAir, start: FlightStart, rotors: Array, duration: float
     ) -> list[TrueMotion]:
         """Fly once, or again while a flight did not begin as asked."""
-        if air != STILL:
-            raise NotReachable(_NO_WIND)
         hover, spin = self.airframe.hover(), np.array(start.omega_B)
         rate = f"{1_000_000 // _STEP_US}"
-        parameters = {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate}  # SIH steps at the lesser
+        parameters = {"IMU_INTEG_RATE": rate, "IMU_GYRO_RATEMAX": rate, **self._wind(air)}  # SIH steps at the lesser
         if np.array_equal(start.rotors, rotors):
             parameters["SIH_T_TAU"] = f"{1e-6 * _STEP_US:g}"
         elif not np.array_equal(start.rotors, hover):
@@ -80,7 +83,8 @@ class Px4Sih(Simulator):
             if not motions:
                 continue
             reached = np.array(motions[0].omega_B)
-            if np.abs(spin - reached).max() < allowed and (spin.any() or _is_at_rest(motions[0])):
+            is_free = air != STILL or spin.any()
+            if np.abs(spin - reached).max() < allowed and (is_free or _is_at_rest(motions[0])):
                 return motions
             # In proportion, since the rotors may turn it by another factor than stated, or the other way.
             has_turned = np.abs(reached) > 0.2 * np.abs(spin)
@@ -89,11 +93,20 @@ class Px4Sih(Simulator):
 
     def sample_air(self, seed: int, dt: float, air: RequestedAir, samples: int) -> Array:
         """Refuse: there is none to sample."""
-        raise NotReachable(_NO_WIND)
+        raise NotReachable(_NO_GUSTS)
 
     def level_flight(self, seed: int, dt: float, air: RequestedAir, duration: float) -> tuple[float, list[TrueMotion]]:
-        """Refuse: it is for wind alone."""
-        raise NotReachable(_NO_WIND)
+        """Refuse: it is for turbulence alone."""
+        raise NotReachable(_NO_GUSTS)
+
+    def _wind(self, air: RequestedAir) -> dict[str, str]:
+        """Return the parameters of a steady wind."""
+        if air.turbulence is not None:
+            raise NotReachable(_NO_GUSTS)
+        *level, down = air.wind_N
+        if down or (air != STILL and not set(_WINDS) <= self._values.keys()):
+            raise NotReachable(_NO_WIND)
+        return {name: f"{-speed:g}" for name, speed in zip(_WINDS, level, strict=True) if speed}
 
     def _pulse(self, impulse: Array) -> AuditPhase:
         """Return the pulse that changes the rates by an impulse (3,) [rad/s] B, the one that rounding changes least."""
