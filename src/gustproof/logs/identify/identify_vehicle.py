@@ -47,6 +47,9 @@ _LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
+_ALIKE = (
+    0.15  # correlation of prediction errors that follow each other, beyond which means over intervals are no samples
+)
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
@@ -84,6 +87,8 @@ class _Axis:
 
     unexplained: float
     """[rad^2/s^2] mean square of the prediction errors."""
+    likeness: float = 0.0
+    """[-] correlation of prediction errors that follow each other."""
     curves: Curves
     """Series."""
     held_out: "_HeldOut | None" = None
@@ -188,8 +193,12 @@ def _thin(log: FlightLog, spacing: float) -> FlightLog:
 
 
 def _find_coloured_axes(axes: list[_Axis]) -> list[str]:
-    """Return the axes of the gyro whose noise is not white."""
-    return [AXES[axis.data.axis] for axis in axes if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained]
+    """Return the axes of the gyro whose noise is not white: a filter took it away, or samples share it."""
+    return [
+        AXES[axis.data.axis]
+        for axis in axes
+        if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained or axis.likeness > _ALIKE
+    ]
 
 
 def _find_command(log: FlightLog) -> tuple[LogSignal, bool]:
@@ -237,7 +246,11 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
         for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
             theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)
-            axes.append(_Axis(data=one, theta=theta, replicates=replicates[:, at], unexplained=left, curves=curves))
+            alike = float(np.mean(linear.error[1:] * linear.error[:-1])) / left
+            found = _Axis(
+                data=one, theta=theta, replicates=replicates[:, at], unexplained=left, likeness=alike, curves=curves
+            )
+            axes.append(found)
     return axes
 
 

@@ -7,6 +7,9 @@ sample of a number that is known.
 The gyro is the topic of the highest rate; of nearly equal ones the one that is filtered less. `sensor_combined` is a
 mean over its interval, so its stamps are put in the middle. A command has the stamp of its message.
 
+Loops run at the rate of the gyro, at most at IMU_GYRO_RATEMAX. PX4 measures that rate. If it is less, as in PX4's own
+simulator and of some gyros, the parameter is told as what it came to.
+
 References
 ----------
 PX4, *ULog File Format*, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
@@ -243,7 +246,11 @@ _SIGNALS = {
 }
 """Sources of each signal, the best first."""
 _LANDED = _Source("vehicle_land_detected", ("landed",), lambda landed: 1.0 - landed)
-_TOPICS = {source.topic for sources in _SIGNALS.values() for source in sources} | {_LANDED.topic, "sensor_gyro_fifo"}
+_GYRO_RATE, _GYRO_IN_USE = ("vehicle_imu_status", "gyro_rate_hz"), ("sensor_selection", "gyro_device_id")
+_RATE_LIMIT = "IMU_GYRO_RATEMAX"
+_SLOWER = 0.95  # of the limit, below which the gyro is the slower one
+_TOPICS = {source.topic for sources in _SIGNALS.values() for source in sources}
+_TOPICS |= {_LANDED.topic, "sensor_gyro_fifo", _GYRO_RATE[0], _GYRO_IN_USE[0]}
 
 
 def read_ulog(path: Path) -> Draft:
@@ -267,7 +274,7 @@ def read_ulog(path: Path) -> Draft:
             found = [*_fifo(parser), *_centre_gyro(parser, found)]
         if found:
             draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
-    draft.findings += _findings(parser, left)
+    draft.findings += [*_findings(parser, left), *_correct_rate(parser)]
     return draft
 
 
@@ -313,6 +320,19 @@ def _fifo(parser: _Parser) -> Iterator[Rows]:
     values = np.stack([table[axis] * table["scale"].astype(np.float64) for axis in "xyz"], axis=-1)
     time_us = _stamps(table, _SAMPLE)[:, np.newaxis] - age
     yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken], is_raw=True)
+
+
+def _correct_rate(parser: _Parser) -> Iterator[str]:
+    """Set the limit of the loops' rate to that of a slower gyro, the one in use, and yield a line on it."""
+    limit, device = parser.parameters.values.get(_RATE_LIMIT), _GYRO_IN_USE[1]
+    status = parser.topic(_GYRO_RATE[0], (device, _GYRO_RATE[1]))
+    used = parser.topic(_GYRO_IN_USE[0], (device,))
+    if limit is None or status is None or (used and used[1][device][-1, 0] != status[1][device][-1, 0]):
+        return
+    rate = float(np.median(status[1][_GYRO_RATE[1]]))
+    if 0.0 < rate < (_SLOWER * limit or np.inf):
+        parser.parameters.values[_RATE_LIMIT] = float(round(rate))
+        yield f"{_RATE_LIMIT}: {limit:g} is set, but the gyro has {rate:.0f} Hz, and so have the loops"
 
 
 def _findings(parser: _Parser, left: int) -> Iterator[str]:

@@ -77,6 +77,34 @@ def test_read_log_of_px4_takes_the_fastest_gyro(
 
 
 @pytest.mark.parametrize(
+    ("limit", "measured", "in_use", "loops"),
+    [
+        (800, 250.1, 7, 250.0),
+        (0, 666.7, 7, 667.0),
+        (250, 250.1, 7, 250.0),
+        (800, 250.1, 8, 800.0),
+        (800, np.nan, 7, 800.0),
+    ],
+)
+def test_read_log_of_px4_tells_loops_as_slow_as_the_gyro(
+    written: Write,
+    px4_topics: list[list[bytes]],
+    make_ulog: Callable[..., bytes],
+    make_topic: Callable[..., list[bytes]],
+    limit: int,
+    measured: float,
+    in_use: int,
+    loops: float,
+) -> None:
+    head = "uint64_t timestamp;uint32_t gyro_device_id"
+    status = make_topic(50, "vehicle_imu_status", f"{head};float gyro_rate_hz", [(1_500_000, 7, measured)] * 3)
+    selection = make_topic(51, "sensor_selection", head, [(1_400_000, in_use)])
+    log = read_log(written("a.ulg", make_ulog([*px4_topics, status, selection], {"IMU_GYRO_RATEMAX": limit})))
+    assert log.parameters["IMU_GYRO_RATEMAX"] == loops
+    assert any("so have the loops" in line for line in log.findings) == (loops != limit)
+
+
+@pytest.mark.parametrize(
     ("parked", "off", "full", "hover"),
     [
         (900.0, 1000.0, 2000.0, 1500.0),
