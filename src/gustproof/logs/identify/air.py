@@ -107,7 +107,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Ide
     grids = make_grids(log, found)
     if not grids:
         raise ConfigError(f"{log.source}: no {_SHORTEST_S:g} s in the air without a gap: too short to tell the air")
-    steps = [_step(0.0 if axis.damping is None else axis.damping.nominal, found.dt) for axis in found.axes]
+    steps = [_step(0.0 if axis.damping is None else max(axis.damping.nominal, 0.0), found.dt) for axis in found.axes]
     spectra = _make_spectra(grids, steps, found)
     omega = spectra.omega
     wind, airspeed, yaw_ratio, errors = _fit(spectra, vehicle, known)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from gustproof.logs.identify.identification import Interval
-from gustproof.logs.identify.likelihood import Fit, places, solve_scaled
+from gustproof.logs.identify.likelihood import DAMPING, Fit, places, solve_scaled
 from gustproof.types import Array
 
 _REPLICATES = 1000
@@ -22,23 +22,34 @@ def bootstrap(fit: Fit) -> Array:
     drawn scores times the inverse information. Blocks make the spread right also where the disturbance has another
     shape than the model's. Scores at a maximum are smaller than at the truth, by the share of parameters in blocks.
     Replicates are spread by that, and by the quantile of Student's t for the rest. A disturbance of another shape
-    leaves a bias too: for it they are spread by .4 more, as `trial` measures.
+    leaves a bias too: for it they are spread by .4 more, as `trial` measures. A damping that ends at 0 has replicates
+    about the maximum without that bound, by the same step: an estimate at a bound is not known exactly.
 
     References
     ----------
     H. R. Kuensch, The Jackknife and the Bootstrap for General Stationary Observations, Annals of Statistics, 1989.
     P. Kline, A. Santos, A Score Based Approach to Wild Bootstrap Inference, J. of Econometric Methods, 2012.
     """
-    scores = _block_scores(fit)[:, fit.free]
-    free = np.ix_(fit.free, fit.free)
+    scores, information = _block_scores(fit), fit.information()
     weights = np.random.default_rng(_SEED).multinomial(
         len(scores), np.full(len(scores), 1.0 / len(scores)), _REPLICATES
     )
-    steps = (weights - 1.0) @ solve_scaled(fit.information()[free], scores.T).T
-    replicates = np.tile(fit.theta, (_REPLICATES, 1))
     rest = max(len(scores) - max(data.size for data in fit.axes), 1)
     spread = _MISFIT * np.sqrt(len(scores) / rest) * stats.t.ppf(0.975, rest) / stats.norm.ppf(0.975)
-    replicates[:, fit.free] += spread * steps
+
+    def move(free: Array) -> tuple[Array, Array]:
+        """Return the step to the maximum (p,) and replicates about it (r, p) of `free` parameters."""
+        solved = solve_scaled(information[np.ix_(free, free)], scores[:, free].T).T
+        step, around = np.zeros(len(free)), np.zeros((_REPLICATES, len(free)))
+        step[free], around[:, free] = solved.sum(axis=0), spread * ((weights - 1.0) @ solved)
+        return step, around
+
+    replicates = fit.theta + move(fit.free)[1]
+    if ended := [at[DAMPING] for at in places(fit.axes) if not fit.free[at[DAMPING]] and fit.theta[at[DAMPING]] == 0.0]:
+        loosened = fit.free.copy()
+        loosened[ended] = True
+        step, around = move(loosened)
+        replicates[:, ended] = step[ended] + around[:, ended]
     return replicates
 
 

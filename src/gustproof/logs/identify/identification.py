@@ -30,7 +30,7 @@ class AxisEstimate:
     gain: Interval | None
     """[rad/s^2 per unit of command] `None` if the log does not excite the axis."""
     damping: Interval | None
-    """[1/s] `None` as for the gain."""
+    """[1/s] `None` as for the gain; below 0 where the model lacks something."""
     noise: float
     """[rad/s/sqrt(Hz)] one-sided density of the gyro's noise."""
     disturbance_rms: float

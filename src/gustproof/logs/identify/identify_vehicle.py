@@ -186,7 +186,7 @@ def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:
 
 def _thin(log: FlightLog, spacing: float) -> FlightLog:
     """Return the log with a gyro sample in each `spacing` [s]."""
-    step = round(spacing / sample_time(log.gyro))
+    step = max(2, round(spacing / sample_time(log.gyro)))  # 1 would leave it as it is, for ever
     gyro = LogSignal(time=log.gyro.time[::step], values=log.gyro.values[::step])
     told = [line for line in log.findings if not line.startswith(_FILTERED)]
     return replace(log, gyro=gyro, findings=(*told, f"{_FILTERED}: one sample in {1e3 * spacing:g} ms is used"))
@@ -356,7 +356,8 @@ def _lag(theta: Array) -> Array:
 def _estimate(axis: _Axis, dt: float, slow: str) -> AxisEstimate:
     """Return the numbers of one axis; `dt` [s] is that of the gyro's samples, `slow` blames a slow log."""
     gain, theta = axis.gain, axis.theta
-    damping = interval(theta, axis.replicates, lambda p: np.maximum(p[..., DAMPING], 0.0))
+    free = theta if theta[DAMPING] > 0.0 else np.median(axis.replicates, axis=0)  # one at its bound is no estimate
+    damping = interval(free, axis.replicates, lambda p: p[..., DAMPING])
     return AxisEstimate(
         gain=gain,
         damping=None if gain is None else damping,
@@ -416,6 +417,9 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
             f"yaw answers with a lag of {math.exp(lags[-1]):.3f} s, unlike roll and pitch: the lag told is of those, "
             "its interval spans both"
         )
+    if driven := [axis for axis in told if np.quantile(axis.replicates[:, DAMPING], 0.975) < 0.0]:
+        names = ", ".join(AXES[axis.data.axis] for axis in driven)
+        doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
     if coloured := _find_coloured_axes(axes):
         doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts
