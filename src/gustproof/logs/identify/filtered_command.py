@@ -2,8 +2,8 @@
 
 An autopilot's loops see the gyro behind notches and a low-pass, and most logs have it from there. With filters F and a
 vehicle P, F omega = P F u: the command is passed through the same filters. Their phase is then counted once, in the
-loops, and not a second time as lag, delay and gain of the vehicle. A filter that is taken wrong, such as a notch that
-moves, is taken so on both sides, and the loop as a whole stays as it was logged.
+loops, and not a second time as lag, delay and gain of the vehicle. A moving notch is taken at its frequency here and in
+the loops: these errors cancel.
 """
 
 from dataclasses import replace

@@ -28,7 +28,7 @@ from gustproof.logs.identify.likelihood import (
     solve_gains,
 )
 from gustproof.logs.identify.rates import describe_slow_log
-from gustproof.logs.identify.sparse_command import fill_command
+from gustproof.logs.identify.sparse_command import fill_command, is_whole
 from gustproof.logs.identify.stretches import (
     BIN,
     SHORTEST,
@@ -290,7 +290,7 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str
     """Return the results in the form that others read."""
     told = [axis for axis in axes if axis.gain is not None]
     lag, delay, lateness = _lateness(
-        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof"
+        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof" or is_whole(log)
     )
     roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow) for axis in axes)
     motors, motor_intervals = _motor_gains(axes)
