@@ -14,7 +14,7 @@ from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
 from gustproof.cli.laws import read_gains
 from gustproof.design.autopilot_gains import save_tuning, tune_gains
-from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.design.loops.models import autopilot_law
 from gustproof.studies.rate.judge import MOST_SLEW
 from gustproof.studies.rate.tuning_steps import MOST_GAIN, plan_steps
 
@@ -29,9 +29,6 @@ FLOWN = {
 def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(kind: str, tmp_path: Path) -> None:
     flown = autopilot_law(kind, FLOWN[kind], IRIS.nominal).law
     goal = tune_gains(kind, IRIS, AIR, slew=4.0, flown=flown.provenance.parameters)
-    assert not [
-        name for name, value in goal.parameters.items() if "above" in AUTOPILOTS[kind].describe_limit(name, value)
-    ]
     now, *steps = plan_steps(goal, flown, IRIS, AIR)
     assert (now.tuning.law.A == flown.A).all()
     end = steps[-1].tuning.parameters
