@@ -62,7 +62,6 @@ from gustproof.prove.boundedness import FlightCertificate as FlightCertificate
 from gustproof.prove.boundedness import certify_boundedness as certify_boundedness
 from gustproof.prove.rounding import certify_rounding as certify_rounding
 from gustproof.robust import *
-from gustproof.robust.mu.singular_value import mu as mu
 from gustproof.studies.campaign.executors import process_pool as process_pool
 from gustproof.studies.campaign.plan import Campaign as Campaign
 from gustproof.studies.campaign.plan import DispersionKind as DispersionKind

@@ -1,6 +1,7 @@
 from gustproof.robust.coprime.gapmetric import Gap as Gap
 from gustproof.robust.coprime.gapmetric import gapmetric as gapmetric
 from gustproof.robust.coprime.ncfsyn import ShapedController as ShapedController
+from gustproof.robust.coprime.ncfsyn import ncfmargin as ncfmargin
 from gustproof.robust.coprime.ncfsyn import ncfsyn as ncfsyn
 from gustproof.robust.gain.certificate import Certificate as Certificate
 from gustproof.robust.gain.lft_gain import certify_lft as certify_lft
@@ -20,8 +21,11 @@ from gustproof.robust.lti.margins import margins as margins
 from gustproof.robust.lti.norms import h2_norm as h2_norm
 from gustproof.robust.lti.norms import hinf_norm as hinf_norm
 from gustproof.robust.lti.state_space import Lti as Lti
+from gustproof.robust.mu.diskmargin import diskmargin as diskmargin
+from gustproof.robust.mu.mussv import mussv as mussv
 from gustproof.robust.mu.musyn import musyn as musyn
-from gustproof.robust.mu.singular_value import disk_margin_bounds as disk_margin_bounds
+from gustproof.robust.mu.robust_margin import robgain as robgain
+from gustproof.robust.mu.robust_margin import robstab as robstab
 from gustproof.robust.mu.ucover import ucover as ucover
 from gustproof.robust.mu.worst_gain import wcgain as wcgain
 from gustproof.robust.mu.worst_margin import wcmargin as wcmargin

@@ -151,7 +151,7 @@ def test_branch_and_bound_narrows_the_bracket_and_keeps_the_truth_inside():
     stiffness, damping = ureal("k", range=(0.3, 1.7)), ureal("c", range=(0.05, 0.35))
     system = oscillator(stiffness, damping)
     truth = 1.0 / (0.05 * math.sqrt(0.3 - 0.05**2 / 4.0))
-    one, many = wcgain(system, accuracy=1e-3), wcgain(system, accuracy=1e-3, boxes=3)
+    one, many = wcgain(system, accuracy=1e-3, boxes=1), wcgain(system, accuracy=1e-3, boxes=3)
     assert many.lower == pytest.approx(truth, rel=1e-6)
     assert truth <= many.upper <= one.upper
     assert many.gap < 0.01
@@ -240,7 +240,8 @@ INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], 
 
 @pytest.mark.slow
 def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
-    low, high = wcmargin(ureal("gain", range=(0.5, 1.5)) @ INTEGRATOR, accuracy=0.1)
+    found = wcmargin(ureal("gain", range=(0.5, 1.5)) @ INTEGRATOR, accuracy=0.1)
+    low, high = found.lower, found.upper
     worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))
     assert low <= worst[1]
     assert high >= worst[0]
@@ -249,7 +250,7 @@ def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
 
 def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():
     third_order = Lti(A=[[0, 1, 0], [0, 0, 1], [-1, -3, -3]], B=[[0], [0], [1]], C=[[1, 0, 0]], D=[[0]])
-    assert wcmargin(ureal("gain", range=(2.0, 9.0)) @ third_order) == (0.0, 0.0)
+    assert wcmargin(ureal("gain", range=(2.0, 9.0)) @ third_order).upper == 0.0
     with pytest.raises(ValueError, match="no blocks"):
         wcmargin(Uncertain(M=INTEGRATOR))
     with pytest.raises(ValueError, match="must be square"):

@@ -1,6 +1,7 @@
 """H-infinity loop shaping by Glover and McFarlane: the widest margin of the coprime factors of a shaped plant."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -115,8 +116,39 @@ def ncfsyn(
     )
 
 
+class NcfMargin(NamedTuple):
+    """Margin of a loop for coprime factors."""
+
+    margin: float
+    """[-] gap up to which every plant is stabilised too; 0 if the loop is unstable."""
+    omega: float
+    """[rad/s] frequency at which it is least."""
+
+
+def ncfmargin(P: LinearSystem, K: LinearSystem, sign: float = -1.0) -> NcfMargin:
+    """Return the margin of a plant and any controller for wrong coprime factors (MATLAB: `ncfmargin`).
+
+    It is `1 / ||[K; I] (I - P K)^-1 [I, P]||` with the sign of the feedback in `K`: -1 for `u = -K y`.
+
+    Raises
+    ------
+    ValueError
+        If sizes or sample times do not fit, or the loop is not well posed.
+
+    Examples
+    --------
+    >>> from control import tf
+    >>> from gustproof.robust import ncfmargin
+    >>> f"{ncfmargin(tf(1, [1, 0]), tf(1, 1)).margin:.4f}"
+    '0.7071'
+    """
+    C = as_lti(K)
+    peak = check_shaped_loop(as_lti(P), C if sign > 0.0 else -C)
+    return NcfMargin(1.0 / peak.gain if peak.gain > 0.0 else np.inf, peak.omega)
+
+
 def check_shaped_loop(G: Lti, K: Lti) -> Peak:
-    """Return the norm of `[K; I] (I - G K)^-1 [I, G]`, infinite if the loop is unstable (MATLAB: 1 / `ncfmargin`).
+    """Return the norm of `[K; I] (I - G K)^-1 [I, G]`, infinite if the loop is unstable.
 
     Raises
     ------

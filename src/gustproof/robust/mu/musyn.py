@@ -427,7 +427,7 @@ def _result(problem: _Problem, controller: Lti, history: tuple[MuStep, ...]) -> 
     if problem.measure == "l2gain":
         bracket, upper = _bad_member(loop, last.upper), last.upper
     else:
-        bracket = mu(loop) if problem.measure == "mu" else wcgain(loop)
+        bracket = mu(loop) if problem.measure == "mu" else wcgain(loop, accuracy=0.02, boxes=1)
         upper = min(bracket.upper, last.upper)
     if not bracket.lower <= upper:
         raise DesignError(f"rounding spoilt the bounds: {bracket.lower:.6g} is attained, {upper:.6g} was proved")

@@ -20,7 +20,9 @@ from gustproof.robust.mu.worst_gain import ParameterBox, best_halves, restrict
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
-_SHARES = (0.998, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
+_HALVINGS = 40
+"""Number of halvings that place the crossing of a pole on a line of parameters."""
+_SHARES = (0.998, 0.99, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
 """[-] shares of the radius of the found Delta that branch and bound tries in turn."""
 
 
@@ -74,12 +76,12 @@ def _bracket(system: Uncertain, accuracy: float) -> Bracket:
     M = to_continuous(system)
     upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
     if all(isinstance(block, RealBlock) for block in blocks):
-        found = _real_mu_lower_bound(M, blocks, upper)
+        found = _realmatrix_lower_bound(M, blocks, upper)
         return replace(found, omega=unwarp_frequency(found.omega, system))
     best = _real_response_lower_bound(M, blocks, upper)
     best = replace(best, omega=unwarp_frequency(best.omega, system))
     for omega in grid:
-        lower, delta = _mu_lower_bound(M.response(omega)[0], blocks, upper)
+        lower, delta = matrix_lower_bound(M.response(omega)[0], blocks, upper)
         if lower > best.lower:
             best = Bracket(lower=lower, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     return best
@@ -145,7 +147,7 @@ def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[floa
     return largest_disk(found.upper), largest_disk(found.lower)
 
 
-def _mu_lower_bound(
+def matrix_lower_bound(
     M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], upper: float
 ) -> tuple[float, dict[str, ArrayLike]]:
     """Return a lower bound on mu of a matrix with a full block, and a Delta of norm 1 / bound that makes it singular.
@@ -196,7 +198,7 @@ def _real_response_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: fl
     return Bracket(lower=worst.gain, upper=upper, omega=omega, delta=smallest.parts(blocks))
 
 
-def _real_mu_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -> Bracket:
+def _realmatrix_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -> Bracket:
     """Return a lower bound on mu of real parameters: where `M` is real, at 0 and infinity, or where a pole crosses.
 
     Poles cross the axis in the smallest ball found.
@@ -220,4 +222,18 @@ def _real_mu_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float) -
             radius = math.sqrt(inside * outside) if inside else 0.5 * outside
         if outside < 1e-6:
             break
-    return best
+    return _refine(M, blocks, best) if 0.0 < best.omega < math.inf else best
+
+
+def _refine(M: Lti, blocks: tuple[DeltaBlock, ...], found: Bracket) -> Bracket:
+    """Return the lower bound from the first point on the way to its Delta at which a pole is no longer stable."""
+    closed = Uncertain(M=M, blocks=blocks)
+    poles, inside, outside = M.poles(), 0.5, 1.0
+    for _ in range(_HALVINGS):
+        share = 0.5 * (inside + outside)
+        values = {name: share * np.asarray(value) for name, value in found.delta.items()}
+        poles = closed.close(values).poles()
+        inside, outside = (share, outside) if np.all(poles.real < 0.0) else (inside, share)
+    delta = {name: float(outside * np.asarray(value)) for name, value in found.delta.items()}
+    pole = poles[int(np.argmax(poles.real))]
+    return replace(found, lower=min(found.lower / outside, found.upper), omega=abs(float(pole.imag)), delta=delta)

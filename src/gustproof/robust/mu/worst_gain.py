@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.mu.robust_bounds import RobustBounds
 from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import worst_delta
@@ -16,8 +17,8 @@ ParameterBox = Mapping[str, tuple[float, float]]
 """Lower and upper limit of the normalised value of each real parameter."""
 
 
-def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
-    """Return the largest H-infinity norm over the unit ball of Delta, and the worst Delta (MATLAB: `wcgain`).
+def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> RobustBounds:
+    """Return bounds on the largest H-infinity norm over the family, and its worst member (MATLAB: `wcgain`).
 
     Parameters are constant in time. The search halves the box with the largest upper bound where that helps most. It
     stops at `boxes` boxes of the real parameters, or once the bounds differ by at most twice `accuracy`.
@@ -44,10 +45,10 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Brac
     Examples
     --------
     >>> from control import ss
-    >>> from gustproof import ureal, wcgain
-    >>> found = wcgain(ureal("gain", range=(0.8, 1.2)) @ ss(-1.0, 1.0, 1.0, 0.0))
-    >>> f"{found.lower:.2f} at {found.delta}"
-    "1.20 at {'gain': 1.0}"
+    >>> from gustproof.robust import ureal, wcgain
+    >>> wcgain(ureal("gain", 2.0, percent=20) * ss(-1.0, 1.0, 1.0, 0.0))
+    Worst gain: 2.4 to 2.406 at 0 rad/s
+    gain: 2.4 of [1.6, 2.4]
     """
     system = as_uncertain(system)
     if not (system.blocks and system.n_inputs and system.n_outputs):
@@ -59,7 +60,14 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Brac
         worst = max(range(len(leaves)), key=lambda k: leaves[k][1].upper)
         box, bracket = leaves[worst]
         if len(leaves) >= boxes or bracket.upper <= (1.0 + 2.0 * accuracy) * best.lower or not whole:
-            return Bracket(lower=best.lower, upper=bracket.upper, omega=best.omega, delta=best.delta)
+            return RobustBounds(
+                lower=best.lower,
+                upper=bracket.upper,
+                omega=best.omega,
+                delta=best.delta,
+                system=system,
+                measure="Worst gain",
+            )
         halves = best_halves(system, box, bracket.omega, accuracy)
         leaves[worst : worst + 1] = [(half, _box_gain(system, half, accuracy)) for half in halves]
 

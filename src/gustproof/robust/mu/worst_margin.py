@@ -3,33 +3,32 @@
 import numpy as np
 
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.mu.robust_bounds import RobustBounds
+from gustproof.robust.mu.robust_margin import largest_size
 from gustproof.robust.mu.singular_value import disk_margin_bounds, mu
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
 from gustproof.robust.uncertain.uncertainty import FullBlock
 
-_TRIALS = 24
-"""Most margins tried."""
 
+def wcmargin(L: Uncertain, *, accuracy: float = 0.02) -> RobustBounds:
+    """Return bounds on the least multi-loop disk margin over the family (MATLAB: `wcdiskmargin`, once `wcmargin`).
 
-def wcmargin(L: Uncertain, *, accuracy: float = 0.02) -> tuple[float, float]:
-    """Return the lower and upper bound on the least multi-loop disk margin over the unit ball (MATLAB: `wcmargin`).
-
-    The negative-feedback loop with transfer `L` stays stable for every Delta of norm 1 and every disk of the lower
-    bound in each channel at once. Some Delta and disk of the upper bound make it unstable. Both bounds are 0 if the
-    loop itself is unstable in the ball. Margins are tried in turn, each by the bounds of `mu` with one complex block
-    for each channel.
+    The negative-feedback loop with transfer `L` stays stable for every member and every disk of the lower bound in each
+    channel at once. The worst member has a disk of the upper bound that makes it unstable. Both bounds are 0 if a
+    member is unstable itself. Margins are tried in turn, each by the bounds of `mu` with one complex block for each
+    channel. No margin is above 2.
 
     Parameters
     ----------
     L
-        Square, uncertain loop transfer, stable in negative feedback at Delta = 0.
+        Square, uncertain loop transfer, stable in negative feedback at its nominal values.
     accuracy
         [-] relative resolution of each bound; what mu leaves open stays between them.
 
     Raises
     ------
     ValueError
-        If `L` is not square, has no blocks, or its loop is unstable or not well posed at Delta = 0.
+        If `L` is not square, has no blocks, or its loop is unstable or not well posed at its nominal values.
 
     References
     ----------
@@ -37,43 +36,36 @@ def wcmargin(L: Uncertain, *, accuracy: float = 0.02) -> tuple[float, float]:
 
     Examples
     --------
-    >>> from control import ss
-    >>> from gustproof import ureal, wcmargin
-    >>> loop = ureal("gain", range=(0.5, 1.5)) @ ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0)
-    >>> lower, upper = wcmargin(loop, accuracy=0.05)
-    >>> lower <= 1.0 <= upper  # 1.15 with the nominal gain
+    >>> from control import tf
+    >>> from gustproof.robust import ureal, wcmargin
+    >>> found = wcmargin(ureal("gain", 1.0, percent=50) * tf(2, [1, 2, 0]), accuracy=0.05)
+    >>> found.lower <= 1.0 <= found.upper  # 1.15 with the nominal gain
     True
     """
     L = as_uncertain(L)
     if not L.blocks:
-        raise ValueError("the loop has no blocks: nothing is uncertain, use disk_margin_bounds")
+        raise ValueError("the loop has no blocks: nothing is uncertain, use diskmargin")
     if L.n_inputs != L.n_outputs:
         raise ValueError(f"the loop transfer is {L.n_outputs} x {L.n_inputs}, must be square")
     one = np.eye(L.n_outputs)
     S = (L + one).inverse() - 0.5 * one
     of_delta = S.M.subsystem(slice(0, S.n_z), slice(0, S.n_w))
-    if mu(Uncertain(M=of_delta, blocks=S.blocks), accuracy=0.25 * accuracy).lower >= 1.0:
-        return 0.0, 0.0
-    # the nominal loop is a member
-    refuted = disk_margin_bounds(L.nominal_system(), accuracy=0.25 * accuracy)[1]
-    proved, unproved, unrefuted = 0.0, refuted, 0.0
-    to_prove, to_refute = (1.0 - 0.5 * accuracy) * refuted, refuted
-    for _ in range(_TRIALS):
-        if unproved - proved > accuracy * unproved:
-            margin = to_prove if proved < to_prove < unproved else 0.5 * (proved + unproved)
-        elif refuted - unrefuted > accuracy * refuted:
-            margin = to_refute if unrefuted < to_refute < refuted else 0.5 * (unrefuted + refuted)
-        else:
-            break
-        found = mu(_with_disks(S, margin), accuracy=0.25 * accuracy)
-        proved, unproved = (max(proved, margin), unproved) if found.upper < 1.0 else (proved, min(unproved, margin))
-        refuted, unrefuted = (
-            (min(refuted, margin), unrefuted) if found.lower >= 1.0 else (refuted, max(unrefuted, margin))
-        )
-        # mu falls more slowly than the margin: its inverse overshoots by little where it is near 1
-        to_prove = (1.0 - 0.5 * accuracy) * margin / found.upper
-        to_refute = (1.0 + 0.5 * accuracy) * margin / max(found.lower, 1e-9)
-    return proved, refuted
+    alone = mu(Uncertain(M=of_delta, blocks=S.blocks), accuracy=0.25 * accuracy)
+    if alone.lower >= 1.0:
+        lower, upper, worst = 0.0, 0.0, alone
+    else:
+        # the nominal loop is a member
+        nominal = disk_margin_bounds(L.nominal_system(), accuracy=0.25 * accuracy)[1]
+        lower, upper, worst = largest_size(lambda margin: _with_disks(S, margin), nominal, accuracy)
+    names = [block.name for block in L.blocks]
+    return RobustBounds(
+        lower=lower,
+        upper=upper,
+        omega=worst.omega,
+        delta={name: value for name, value in worst.delta.items() if name in names},
+        system=L,
+        measure="Worst disk margin",
+    )
 
 
 def _with_disks(S: Uncertain, margin: float) -> Uncertain:

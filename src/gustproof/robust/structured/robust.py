@@ -1,23 +1,24 @@
 """Robust control of fixed structure: `hinfstruct` over a growing set of worst members of an uncertain plant."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from gustproof.robust.lti.bilinear import tustin
-from gustproof.robust.lti.state_space import ComplexMatrix, Lti, gain, series
-from gustproof.robust.mu.sweep import Bracket
+from gustproof.robust.mu.robust_bounds import RobustBounds
 from gustproof.robust.mu.worst_gain import wcgain
 from gustproof.robust.structured.blocks import Structure, full_structure
 from gustproof.robust.structured.goals import NORM, Goal
 from gustproof.robust.structured.hinfstruct import Progress, StructResult, check_sizes, search_problem
 from gustproof.robust.structured.objective import Problem
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append, lft
-from gustproof.robust.uncertain.uncertainty import Delta, FullBlock
+from gustproof.robust.uncertain.interpolation import interpolate_blocks
+from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
+from gustproof.robust.uncertain.uncertainty import Delta
 
 _MOST_ROUNDS = 12
 """Largest number of designs, each over one worst member more."""
+_ACCURACY = 0.02
+"""[-] relative distance of each certified gain from the least one of D-G scalings."""
 _PATIENCE = 2
 """Number of designs in a row without a lower certified gain after which no other follows."""
 _GAIN = 1e-3
@@ -32,7 +33,7 @@ class RobustResult(StructResult):
     have. `StructResult`'s record is that of the design whose controller this is.
     """
 
-    certified: Bracket
+    certified: RobustBounds
     """Bounds on the worst gain of this controller, and the worst member."""
     corners: tuple[Delta, ...]
     """Members designed for, the nominal one first."""
@@ -103,21 +104,21 @@ def robust_hinfstruct(
     corners: list[Delta] = [{}]
     models, history = [P.nominal_system()], []
     check_sizes(tuple(models), structure, n_meas, n_con, starts)
-    best: tuple[StructResult, Bracket, int] | None = None
+    best: tuple[StructResult, RobustBounds, int] | None = None
     result: StructResult | None = None
     for k in range(_MOST_ROUNDS):
         text = "" if best is None else f", certified {best[1].upper:.4g}"
         progress(k / _MOST_ROUNDS, f"{len(models)} members{text}")
         problem = Problem(models=tuple(models), structure=structure, target=NORM, hard_goals=tuple(hard_goals))
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
-        bracket = wcgain(lft(P, result.controller), boxes=boxes)
+        bracket = wcgain(lft(P, result.controller), accuracy=_ACCURACY, boxes=boxes)
         history.append(bracket.upper)
         if best is None or hard_goals or bracket.upper < best[1].upper:
             best = result, bracket, k
         if bracket.lower <= (1.0 + _GAIN) * result.norm or _is_settled(history):
             break
         corners.append(bracket.delta)
-        models.append(_member(P, bracket))
+        models.append(P.close(interpolate_blocks(P.blocks, bracket.delta, bracket.omega, P.M.dt)))
     progress(1.0, "certified")
     assert best is not None
     return _make_robust(*best, tuple(corners), tuple(history))
@@ -131,7 +132,7 @@ def _is_settled(history: list[float]) -> bool:
 
 
 def _make_robust(
-    result: StructResult, bracket: Bracket, k: int, corners: tuple[Delta, ...], history: tuple[float, ...]
+    result: StructResult, bracket: RobustBounds, k: int, corners: tuple[Delta, ...], history: tuple[float, ...]
 ) -> RobustResult:
     record = {field.name: getattr(result, field.name) for field in fields(StructResult)}
     attained = max(result.norm, bracket.lower)
@@ -144,49 +145,3 @@ def _make_robust(
     )
     record |= {"gamma": bracket.upper, "norm": attained, "checks": (*result.checks, proof)}
     return RobustResult(**record, certified=bracket, corners=corners[: k + 1], history=history)
-
-
-def _member(P: Uncertain, worst: Bracket) -> Lti:
-    """Return the member of `P` at the worst Delta, its full blocks as stable systems with their value at omega."""
-    parts: list[Lti] = []
-    for block in P.blocks:
-        value = np.atleast_2d(worst.delta[block.name])
-        if isinstance(block, FullBlock):
-            parts.append(interpolate_block(value, worst.omega, P.M.dt))
-        else:
-            parts.append(gain(value[0, 0].real * np.eye(block.repeats), P.M.dt))
-    return lft(append(*parts), P.M, P.n_w, P.n_z).M
-
-
-def interpolate_block(value: ComplexMatrix, omega: float, dt: float) -> Lti:
-    """Return a stable system of the norm of the complex matrix `value`, and its leading rank-one part at `omega`.
-
-    Each entry of the leading singular vectors is an all-pass of first order with the entry's phase.
-
-    References
-    ----------
-    K. Zhou, J. C. Doyle, K. Glover, Robust and Optimal Control, Prentice Hall 1996, theorem 9.1 (construction).
-    """
-    U, sizes, Vh = np.linalg.svd(value)
-    warped = 2.0 / dt * np.tan(0.5 * omega * dt) if dt else omega
-    left, right = _all_passes(U[:, 0], warped), _all_passes(Vh[0], warped)
-    # the channels of `right` are summed, and drive all of `left`
-    joint = gain(sizes[0] * np.ones(value.shape))
-    system = series(series(right, joint), left)
-    return tustin(system, dt) if dt and system.order else replace(system, dt=dt)
-
-
-def _all_passes(vector: ComplexMatrix, omega: float) -> Lti:
-    """Return diagonal `size sign (s - a) / (s + a)` with the entries of `vector` at `omega` [rad/s]."""
-    poles, levels = [], []
-    for entry in vector:
-        phase = float(np.angle(entry))
-        level = abs(entry) if phase > 0.0 else -abs(entry)
-        turn = phase if phase > 0.0 else phase + np.pi  # of (j omega - a) / (j omega + a), in (0, pi]
-        poles.append(max(omega, 1e-6) * np.tan(0.5 * turn) if turn < np.pi - 1e-6 else 0.0)
-        levels.append(level if poles[-1] else np.real(entry))
-    a, level = np.array(poles), np.array(levels)
-    kept = np.nonzero(a)[0]
-    pick = np.eye(a.size)[kept]
-    # (s - a) / (s + a) = 1 - 2 a / (s + a)
-    return Lti(A=-np.diag(a[kept]), B=pick, C=(-2.0 * a * level * pick).T, D=np.diag(level))

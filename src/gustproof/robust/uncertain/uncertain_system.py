@@ -19,12 +19,14 @@ from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, is_singular
 from gustproof.robust.lti.state_space import lft as close_known
 from gustproof.robust.shown import Shown
+from gustproof.robust.uncertain.family_plot import draw_family
 from gustproof.robust.uncertain.interconnection import Interconnection, Signal
 from gustproof.robust.uncertain.reduction import reduce, reduce_copies
 from gustproof.robust.uncertain.uncertainty import Delta, DeltaBlock, FullBlock, RealBlock, delta_matrix
 
 if TYPE_CHECKING:
     import control
+    from matplotlib.axes import Axes
 
 _EDGE = 1e-9
 """[-] excess over 1 of a normalised value that counts as rounding."""
@@ -143,15 +145,21 @@ class Uncertain(Shown):
         ValueError
             If a name or shape is wrong, a value is outside [-1, 1] or of norm above 1, or the model has no solution.
         """
-        systems = {name: value for name, value in delta.items() if isinstance(value, Lti)}
-        numbers = {name: value for name, value in delta.items() if name not in systems}
-        for name, value in numbers.items():
+        for name, value in delta.items():
             if np.iscomplexobj(value):
                 raise ValueError(f"the normalised value of '{name}' is complex: a system has real numbers")
+            if isinstance(value, Lti):
+                continue
             matrix = np.atleast_2d(np.asarray(value, dtype=np.float64))
             size = float(np.linalg.norm(matrix, 2)) if np.isfinite(matrix).all() else np.inf
             if not size <= 1.0 + _EDGE:
                 raise ValueError(f"the normalised value of '{name}' has the size {size:.6g}, must be at most 1")
+        return self.close(delta)
+
+    def close(self, delta: Mapping[str, Any]) -> Lti:
+        """Return the system at a normalised `delta` of numbers, matrices and systems of any size, as `member` does."""
+        systems = {name: value for name, value in delta.items() if isinstance(value, Lti)}
+        numbers = {name: value for name, value in delta.items() if name not in systems}
         K = gain(delta_matrix(self.blocks, numbers), self.M.dt)
         if systems:
             parts = []
@@ -209,6 +217,14 @@ class Uncertain(Shown):
         real = [block for block in self.blocks if isinstance(block, RealBlock)]
         steps = [np.linspace(block.low, block.high, count).tolist() for block in real]
         return tuple({block.name: value for block, value in zip(real, point, strict=True)} for point in product(*steps))
+
+    def plot_sigma(self, *, worst: "LinearSystem | None" = None, count: int = 20, ax: "Axes | None" = None) -> "Axes":
+        """Return axes with the largest gain over frequency: `count` random members, the nominal one, and the `worst`.
+
+        Draws with matplotlib, on `ax` or on new axes.
+        """
+        drawn = [as_lti(self.substitute(values)) for values in self.sample(count, seed=0)]
+        return draw_family(drawn, self.nominal_system(), None if worst is None else as_lti(worst), ax)
 
     def with_names(self, *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()) -> "Uncertain":
         """Return the same system with other names of its signals; kinds left out keep theirs."""

@@ -59,6 +59,16 @@ class RealBlock:
         return (self.repeats, self.repeats)
 
     @property
+    def n_outputs(self) -> int:
+        """Outputs of one occurrence."""
+        return 1
+
+    @property
+    def n_inputs(self) -> int:
+        """Inputs of one occurrence."""
+        return 1
+
+    @property
     def coefficients(self) -> tuple[float, float]:
         """`b` and `c` of the normalisation, as of `firmware_model.config.spreads.Spread`."""
         up, down = self.high - self.nominal, self.nominal - self.low

@@ -11,9 +11,10 @@ from gustproof.robust.mu.worst_gain import wcgain
 from gustproof.robust.structured.blocks import Structure, tunable_gain
 from gustproof.robust.structured.goals import DecayGoal
 from gustproof.robust.structured.hinfstruct import hinfstruct
-from gustproof.robust.structured.robust import interpolate_block, robust_hinfstruct
+from gustproof.robust.structured.robust import robust_hinfstruct
 from gustproof.robust.uncertain.delays import delay_controls
 from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.interpolation import interpolate_block
 from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
 
 LAG = control.ss([[1.0]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]])
