@@ -6,7 +6,7 @@ torque of 1.0 is not the vehicle's `torque_limit`. Motors are linear: thrust is 
 
 import numpy as np
 
-from firmware_model.config.vehicle import GRAVITY, FullScale, Rotors, Vehicle
+from firmware_model.config.vehicle import GRAVITY, ON_BOARD, FullScale, Rotors, Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 
@@ -14,7 +14,6 @@ Parameters = dict[str, str]
 _SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: motor commands of thrust 0 and 1
 _X_SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # forward, right
 _X_SPIN = (1, 1, -1, -1)
-_OWN_SCALES = ("px4", "ardupilot")  # autopilots whose logs have a command of their own scale
 _EVEN = 0.05  # [rad] of directions of rotors that are the same, or evenly spaced
 _SAME_TORQUE = 0.1  # [-] relative difference of torques within which rotors are those of a log
 
@@ -126,7 +125,7 @@ def measured_torque(autopilot: str, vehicle: Vehicle) -> Vector | None:
             f"vehicle '{vehicle.name}': what a command of 1.0 of {autopilot} gives is unknown: its log has no such "
             "command, and its rotors are assumed. Identify it from a log of that autopilot, or with --like"
         )
-    if command.autopilot in _OWN_SCALES and command.autopilot != autopilot:
+    if command.autopilot in ON_BOARD and command.autopilot != autopilot:
         raise ConfigError(
             f"vehicle '{vehicle.name}': a log of {command.autopilot} measured what its command of 1.0 gives, which is "
             f"not that of {autopilot}"

@@ -13,7 +13,7 @@ from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
-from firmware_model.config.vehicle import Vehicle
+from firmware_model.config.vehicle import ON_BOARD, Vehicle
 from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 from firmware_model.errors import ConfigError
@@ -272,21 +272,27 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     return read_toml(Scenario, name_or_path, SCENARIOS, fill_replay_rows)
 
 
-def with_measured_delay(scenario: Scenario, vehicle: Vehicle) -> Scenario:
+def with_measured_delay(scenario: Scenario, vehicle: Vehicle, *, on_board: bool = False) -> Scenario:
     """Return the scenario with a sample and the delay that a log of the vehicle measured, if its own is shorter.
+
+    Loops `on_board` are those of the autopilot that wrote the log: its stamps tell their whole delay. It then stands in
+    the place of the one sample that is usual.
 
     Raises
     ------
     ConfigError
         If it is longer than a scenario's delay may be.
     """
-    late = 0 if vehicle.command is None else 1 + vehicle.command.samples(scenario.dt)
+    command = vehicle.command
+    whole = on_board and command is not None and command.autopilot in ON_BOARD
+    late = 0 if command is None else command.samples(scenario.dt) + (not whole)
     if late > MOST_DELAY:
         raise ConfigError(
             f"vehicle '{vehicle.name}': command.delay is {late} samples of scenario '{scenario.name}', "
             f"{MOST_DELAY} are allowed"
         )
-    return replace(scenario, delay_samples=late) if late > scenario.delay_samples else scenario
+    is_usual = whole and scenario.delay_samples == 1
+    return replace(scenario, delay_samples=late) if is_usual or late > scenario.delay_samples else scenario
 
 
 def scenario_path(name_or_path: str | Path) -> Path:

@@ -229,6 +229,10 @@ class Battery:
         return self
 
 
+ON_BOARD = ("px4", "ardupilot")
+"""Autopilots whose logs have commands of a scale of their own, stamped when its loops make them."""
+
+
 class FullScale(Enum):
     """Source of the torque that a command of 1.0 of an autopilot gives."""
 

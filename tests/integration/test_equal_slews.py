@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from firmware_model.config.gyro_filters import butterworth
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.external.interface import scenario_for
@@ -22,7 +23,6 @@ from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import tune_gains
-from gustproof.design.loops.filters import butterworth
 from gustproof.design.loops.models import AUTOPILOTS
 from gustproof.law.form import Law, load_law
 from gustproof.law.resample import resample

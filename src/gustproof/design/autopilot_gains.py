@@ -208,7 +208,7 @@ def tune_gains(
     if in_simulation:
         check_measured(vehicle)
         scenario = scenario_for(kind, scenario, autopilot.find_rate(flown)[0])
-    script = with_measured_delay(scenario, vehicle)
+    script = with_measured_delay(scenario, vehicle, on_board=in_simulation)
     step = autopilot.thrust_step(vehicle) if in_simulation else 0.0
     rounding = min(rounding_slew((slew, slew, slew), vehicle.rotors, step, script.dt), 0.9 * slew)
     fixed = complete(autopilot, structure.fixed)
@@ -402,7 +402,7 @@ class _Search:
 
     def _start(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
         """Return start, least and largest `z`."""
-        lateness = self._vehicle.actuator_lag + self._axes[0][0].delay_samples / self._rate
+        lateness = self._vehicle.actuator_lag + max(self._axes[0][0].delay_samples, 1) / self._rate
         usual = _LATENESS / lateness
         angle, p, i, d = _START[0] * usual, _START[1] * usual, _START[2] * usual**2, _START[3]
         least, share = self._structure.corners

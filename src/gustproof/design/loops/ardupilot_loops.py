@@ -13,21 +13,20 @@ filters and loops, defaults.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from firmware_model.config.firmware import ardupilot_full_torque, measured_torque
+from firmware_model.config.gyro_filters import ARDUPILOT_NOTCH, ARDUPILOT_NOTCHES, LOW_PASS_END, gyro_filters
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.design.loops.filters import LEAST_SHARE, Biquad, SampledAxisLoop, butterworth, notch, smoothing
+from gustproof.design.loops.filters import SampledAxisLoop, smoothing
 from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
 
 _NAMES = ("RLL", "PIT", "YAW")
-_NOTCHES = ("INS_HNTCH", "INS_HNTC2")
-_NOTCH_KEYS = ("FREQ", "BW", "ATT", "HMNCS", "OPTS")
-_DOUBLE, _TRIPLE, _HARMONICS = 1, 16, 16  # bits of OPTS, number of bits of HMNCS
-_NOTCH_END, _LOW_PASS_END = 0.48, 0.4  # shares of the sample rate above which a notch is off and a low-pass is cut
 # AP_Int8, AP_Int16 or AP_Int32 in AP_InertialSensor.h and HarmonicNotchFilter.h of Copter 4.6
-_WHOLE = frozenset({"INS_GYRO_FILTER", *(f"{each}_{key}" for each in _NOTCHES for key in ("ENABLE", "HMNCS", "OPTS"))})
+_WHOLE = frozenset(
+    {"INS_GYRO_FILTER", *(f"{each}_{key}" for each in ARDUPILOT_NOTCHES for key in ("ENABLE", "HMNCS", "OPTS"))}
+)
 _ROTORS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}  # by FRAME_CLASS
 _STRANGERS = {
     r"Q_A_(RAT|ANG)_\w+": "gains of a quadplane (ArduPlane): to judge its hover, rename Q_A_ to ATC_ and Q_M_ to MOT_",
@@ -79,10 +78,10 @@ def _settings() -> dict[str, Setting]:
         found[f"ATC_RATE_{letter}_MAX"] = Setting(0.0, 0.0, 1080.0)
     found["INS_GYRO_FILTER"] = Setting(20.0, 0.0, 1000.0)
     found["MOT_SPIN_MIN"], found["MOT_SPIN_MAX"] = Setting(0.15, 0.0, 0.3), Setting(0.95, 0.5, 1.0)
-    for each in _NOTCHES:
-        values = {"ENABLE": (0, 1), "FREQ": (80, 4000), "BW": (40, 2000), "ATT": (40, 200), "HMNCS": (3, 65535)}
-        found |= {f"{each}_{key}": Setting(value, 0.0, high) for key, (value, high) in values.items()}
-        found[f"{each}_OPTS"] = Setting(0.0, 0.0, 65535.0)
+    for each in ARDUPILOT_NOTCHES:
+        most = {"FREQ": 4000.0, "BW": 2000.0, "ATT": 200.0, "HMNCS": 65535.0, "OPTS": 65535.0}
+        found[f"{each}_ENABLE"] = Setting(0.0, 0.0, 1.0)
+        found |= {f"{each}_{key}": Setting(value, 0.0, most[key]) for key, value in ARDUPILOT_NOTCH.items()}
     return found
 
 
@@ -94,30 +93,6 @@ def _full_torque(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vector:
     return span * roll, span * pitch, span * yaw
 
 
-def _iter_notches(parameters: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
-    """Yield the filters of all harmonic notches that are on."""
-    for name in _NOTCHES:
-        if parameters[f"{name}_ENABLE"]:
-            yield from _harmonics({key: parameters[f"{name}_{key}"] for key in _NOTCH_KEYS}, rate_hz)
-
-
-def _harmonics(values: Mapping[str, float], rate_hz: float) -> Iterator[Biquad]:
-    """Yield the filters of a harmonic notch; several beside each other share its bandwidth."""
-    bandwidth, options = values["BW"], int(values["OPTS"])
-    spread = (-1.0, 1.0) if options & _DOUBLE else (0.0, -1.0, 1.0) if options & _TRIPLE else (0.0,)
-    center = min(max(values["FREQ"], 0.52 * bandwidth), _NOTCH_END * rate_hz)
-    share = 0.5 * bandwidth / len(spread)
-    if not LEAST_SHARE * center < share < center:
-        return
-    ratio = (center / (center - share)) ** 2  # of the ends of the bandwidth
-    quality, depth = math.sqrt(ratio) / (ratio - 1.0), 10.0 ** (-values["ATT"] / 20.0)
-    wanted = [k * center for k in range(1, _HARMONICS + 1) if int(values["HMNCS"]) >> (k - 1) & 1]
-    for each in (frequency for frequency in wanted if frequency < _NOTCH_END * rate_hz):
-        for side in spread:
-            place = each * (1.0 + side * bandwidth / (32.0 * center))
-            yield notch(place, math.sin(2.0 * math.pi * place / rate_hz) / (2.0 * quality), depth, rate_hz)
-
-
 def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: float) -> LoopSignals:
     name, dt = _NAMES[axis], 1.0 / rate_hz
     P, I, D, FF = (parameters[f"ATC_RAT_{name}_{gain}"] for gain in ("P", "I", "D", "FF"))  # noqa: E741
@@ -126,12 +101,8 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     )
     loop = SampledAxisLoop(dt)
     omega = loop.rate
-    for each in _iter_notches(parameters, rate_hz):
+    for each in gyro_filters("ardupilot", parameters, rate_hz):
         omega = loop.apply_filter(omega, each)
-    if parameters["INS_GYRO_FILTER"] > 0.0:
-        omega = loop.apply_filter(
-            omega, butterworth(min(parameters["INS_GYRO_FILTER"], _LOW_PASS_END * rate_hz), rate_hz)
-        )
     commanded = parameters[f"ATC_ANG_{name}_P"] * (loop.reference - loop.attitude)
     target = loop.smooth(commanded, to_target)
     error = loop.smooth(target - omega, to_error)
@@ -159,10 +130,10 @@ def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     found.append("set-points move at once here, ArduPilot shapes them by ATC_INPUT_TC and ATC_SLEW_YAW")
     off = [f"ATC_RAT_{each}_{key}" for each in _NAMES for key in _UNMODELLED if given.get(f"ATC_RAT_{each}_{key}")]
     found += [f"{', '.join(off)}: left out"] if off else []
-    for name in _NOTCHES:
+    for name in ARDUPILOT_NOTCHES:
         if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 0.0):
             found.append(f"{name}: taken at its {name}_FREQ, where ArduPilot moves it")
-    if given.get("INS_GYRO_FILTER", 0.0) > (most := _LOW_PASS_END * rate_hz):
+    if given.get("INS_GYRO_FILTER", 0.0) > (most := LOW_PASS_END * rate_hz):
         found.append(f"INS_GYRO_FILTER: taken at {most:g} Hz, the most at this rate; on board it has the gyro's rate")
     return found + [f"{name}: {meaning}" for name, (default, meaning) in _SWITCHES.items() if given.get(name, default)]
 

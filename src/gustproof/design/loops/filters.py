@@ -1,62 +1,18 @@
-"""Digital filters of autopilots as coefficients, and loops of one axis put together from their signals.
+"""Loops of one axis, put together from their signals and digital filters.
 
-A filter of the second order is `y = b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2`, where 1 and 2 count samples back. One of the
-first order is `y = y1 + alpha (x - y1)`.
+A filter of the second order is a `Biquad`. One of the first order is `y = y1 + alpha (x - y1)`, where 1 counts samples
+back.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from firmware_model.config.gyro_filters import Biquad
 from gustproof.law.cascade import AxisLaw, limit_by_reference
 from gustproof.law.form import Matrix
 
 _SIZE = 256  # states that an axis may have; more than any parameters ask for
-LEAST_SHARE = 1e-3
-"""[-] least frequency and bandwidth of a filter, as a share of the rate, so that its coefficients keep their digits."""
-
-
-class Biquad(NamedTuple):
-    """Coefficients of a filter of the second order."""
-
-    b0: float
-    """Of the new sample."""
-    b1: float
-    """Of the sample before."""
-    b2: float
-    """Of the one before that."""
-    a1: float
-    """Of the output before."""
-    a2: float
-    """Of the one before that."""
-
-
-def butterworth(cutoff: float, rate: float) -> Biquad:
-    """Return the low-pass with a corner at `cutoff` [Hz], but a thousandth of `rate` [Hz] at least; exact there.
-
-    References
-    ----------
-    A. V. Oppenheim, R. W. Schafer, Discrete-Time Signal Processing, section 7.1: bilinear transform, Butterworth.
-    """
-    t = math.tan(math.pi * max(cutoff / rate, LEAST_SHARE))
-    c = 1.0 + math.sqrt(2.0) * t + t * t
-    b = t * t / c
-    return Biquad(b, 2.0 * b, b, 2.0 * (t * t - 1.0) / c, (1.0 - math.sqrt(2.0) * t + t * t) / c)
-
-
-def notch(frequency: float, alpha: float, depth: float, rate: float) -> Biquad:
-    """Return the notch at `frequency` [Hz], at `rate` [Hz].
-
-    `alpha` [-] is the tangent of half its bandwidth's angle, `depth` [-] its gain at the frequency.
-
-    References
-    ----------
-    R. Bristow-Johnson, Cookbook formulae for audio equalizer biquad filter coefficients: peaking and notch filters.
-    """
-    cosine = math.cos(2.0 * math.pi * frequency / rate)
-    a0, b1 = 1.0 + alpha, -2.0 * cosine
-    return Biquad((1.0 + alpha * depth) / a0, b1 / a0, (1.0 - alpha * depth) / a0, b1 / a0, (1.0 - alpha) / a0)
 
 
 def smoothing(cutoff: float, rate: float) -> float:

@@ -109,6 +109,11 @@ def autopilot_law(
     )
 
 
+def is_own_loop(law: Law) -> bool:
+    """Return whether a law is the loops of an autopilot."""
+    return any(autopilot.loop_rate[0] in law.provenance.parameters for autopilot in AUTOPILOTS.values())
+
+
 def read_autopilot_law(
     path: Path, vehicle: Vehicle, *, rate_hz: int | None = None, over: Mapping[str, float] = MappingProxyType({})
 ) -> AutopilotLaw:

@@ -17,9 +17,10 @@ import math
 from collections.abc import Mapping
 
 from firmware_model.config.firmware import measured_torque, px4_full_torque
+from firmware_model.config.gyro_filters import gyro_filters
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.design.loops.filters import LEAST_SHARE, SampledAxisLoop, butterworth, notch, smoothing
+from gustproof.design.loops.filters import SampledAxisLoop, smoothing
 from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
 
 _NAMES, _LIMITS = ("ROLL", "PITCH", "YAW"), ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
@@ -81,13 +82,8 @@ def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_
     P, I, D, K, FF = (parameters[f"MC_{name}RATE_{gain}"] for gain in ("P", "I", "D", "K", "FF"))  # noqa: E741
     loop = SampledAxisLoop(dt)
     omega = loop.rate
-    for each in ("IMU_GYRO_NF0", "IMU_GYRO_NF1"):
-        frequency, bandwidth = parameters[f"{each}_FRQ"], parameters[f"{each}_BW"]
-        if 0.0 < frequency < 0.5 * rate_hz and bandwidth > 0.0:
-            place, width = max(frequency, LEAST_SHARE * rate_hz), max(bandwidth * dt, LEAST_SHARE)
-            omega = loop.apply_filter(omega, notch(place, math.tan(math.pi * width), 0.0, rate_hz))
-    if 0.0 < parameters["IMU_GYRO_CUTOFF"] < 0.5 * rate_hz:
-        omega = loop.apply_filter(omega, butterworth(parameters["IMU_GYRO_CUTOFF"], rate_hz))
+    for each in gyro_filters("px4", parameters, rate_hz):
+        omega = loop.apply_filter(omega, each)
     commanded = parameters[f"MC_{name}_P"] * (loop.reference - loop.attitude)
     error = commanded - omega
     integral = loop.state()

@@ -20,6 +20,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import MAX_ROWS, Dryden
 from firmware_model.errors import ConfigError
 from firmware_model.physics.dryden import dryden_spectrum
+from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.identification import Identification
 from gustproof.logs.identify.stretches import SETTLING, find_stretches
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
@@ -99,6 +100,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Ide
     ConfigError
         If neither roll nor pitch is identified, no stretch in the air is long enough, or no wind turns the vehicle.
     """
+    log = filter_command(log)
     known = [k for k in range(3) if _force(log, found, k) is not None]
     if found.actuator_lag is None or not {0, 1} & set(known):
         raise ConfigError(f"{log.source}: neither roll nor pitch is identified: nothing tells the air")

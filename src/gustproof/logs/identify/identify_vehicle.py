@@ -10,6 +10,7 @@ import numpy as np
 from firmware_model.errors import ConfigError
 from gustproof.logs.identify.bootstrap import bootstrap, interval, widen
 from gustproof.logs.identify.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
+from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.identification import AXES, AxisEstimate, Identification, Interval
 from gustproof.logs.identify.likelihood import (
     DAMPING,
@@ -21,12 +22,13 @@ from gustproof.logs.identify.likelihood import (
     SHARED,
     AxisData,
     at_bound,
+    is_prompt,
     maximise,
     places,
     solve_gains,
 )
 from gustproof.logs.identify.rates import describe_slow_log
-from gustproof.logs.identify.sparse_command import fill_command
+from gustproof.logs.identify.sparse_command import fill_command, is_whole
 from gustproof.logs.identify.stretches import (
     BIN,
     SHORTEST,
@@ -148,7 +150,7 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     slow = describe_slow_log(log, {"gyro": log.gyro, "command": _find_command(log)[0]})
     filled = fill_command(log)
     sampled = 0.0 if filled is None or log.command is None else sample_time(log.command)
-    return _identify(filled or log, progress or (lambda _: None), slow=slow, sampled=sampled)
+    return _identify(filter_command(filled or log), progress or (lambda _: None), slow=slow, sampled=sampled)
 
 
 def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampled: float) -> Identification:
@@ -180,8 +182,8 @@ def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampl
 
 def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:
     """Return the next spacing [s] of gyro samples if their noise is coloured; `None` if it is not, or at the last."""
-    spacing = 1.2 * sample_time(gyro)
-    return next((each for each in _APART_S if each > spacing), None) if _find_coloured_axes(axes) else None
+    wider = [each for each in _APART_S if round(each / sample_time(gyro)) > 1]
+    return wider[0] if wider and _find_coloured_axes(axes) else None
 
 
 def _thin(log: FlightLog, spacing: float) -> FlightLog:
@@ -288,7 +290,7 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str
     """Return the results in the form that others read."""
     told = [axis for axis in axes if axis.gain is not None]
     lag, delay, lateness = _lateness(
-        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof"
+        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof" or is_whole(log)
     )
     roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow) for axis in axes)
     motors, motor_intervals = _motor_gains(axes)
@@ -342,7 +344,8 @@ def _lateness(told: list[_Axis], hold: float, *, sampled: float, is_held: bool) 
         low, high = min(one.low for one in each), max(one.high for one in each)
         found.append(Interval(low + later * least, each[0].nominal + later * usual, high + later * hold))
     lag, delay, both = found
-    return [lag._replace(low=max(lag.low, 0.0)), delay, both]
+    longest = both.high if any(is_prompt(axis.theta) for axis in told) else lag.high
+    return [lag._replace(low=max(lag.low, 0.0), high=max(lag.high, longest)), delay, both]
 
 
 def _delay(theta: Array) -> Array:
@@ -420,6 +423,10 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
     if driven := [axis for axis in told if np.quantile(axis.replicates[:, DAMPING], 0.975) < 0.0]:
         names = ", ".join(AXES[axis.data.axis] for axis in driven)
         doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
+    if any(is_prompt(axis.theta) for axis in told):
+        doubts.append(
+            f"lag: none is seen, as of simulated motors without one: {1e3 * math.exp(lags[0]):.0f} ms stand for it"
+        )
     if coloured := _find_coloured_axes(axes):
         doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts

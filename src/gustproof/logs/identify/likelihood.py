@@ -28,15 +28,20 @@ SHARED = 2
 """First parameters of an axis, which all axes share."""
 HIGHEST_DAMPING = 25.0
 """[1/s] no fit goes beyond; one that ends there has found no multirotor."""
-_LOW = np.array([np.log(0.002), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
+_LOW = np.array([np.log(0.001), -0.01, 0.0, -40.0, np.log(0.02), -40.0, np.log(4.0), -40.0])
 _HIGH = np.array([np.log(0.4), 0.12, HIGHEST_DAMPING, 5.0, np.log(40.0), 30.0, np.log(200.0), 35.0])
 _REACH = np.array([0.5, 0.02, 2.0, 2.0, 1.0, 2.0, 1.0, 2.0])  # of one step
 _STEP = np.array([1e-4, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])
 
 
 def at_bound(theta: Array) -> bool:
-    """Return whether lag or delay of an axis are at a bound of their search."""
-    return bool(np.any((theta[:SHARED] <= _LOW[:SHARED]) | (theta[:SHARED] >= _HIGH[:SHARED])))
+    """Return whether lag or delay of an axis are at a bound of their search, where that bounds nothing."""
+    return bool(theta[DELAY] <= _LOW[DELAY] or np.any(theta[:SHARED] >= _HIGH[:SHARED]))
+
+
+def is_prompt(theta: Array) -> bool:
+    """Return whether an axis shows no lag: the least of the search stands for it, less than any motor has."""
+    return bool(theta[LAG] <= _LOW[LAG])
 
 
 class RatePrediction(NamedTuple):

@@ -28,6 +28,12 @@ _CORNERS = (15.0, 25.0, 40.0, 60.0, 90.0)  # [Hz] of the gyro's low-pass that ar
 _LARGEST_CORNER = 0.45  # of the gyro's rate
 
 
+def is_whole(log: FlightLog) -> bool:
+    """Return whether a log is known to have each command of the autopilot's loop, which then holds it."""
+    rate = log.parameters.get(_LOOP_RATES.get(log.system, ("", 0.0))[0], 0.0)
+    return log.command is not None and rate > 0.0 and sample_time(log.command) * rate < _SPARSE
+
+
 def fill_command(log: FlightLog) -> FlightLog | None:
     """Return the log with its command at even, close times; `None` if none of the loop's commands is known to miss."""
     command, gyro = log.command, log.gyro

@@ -140,7 +140,7 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Ident
     if found.delay is not None and found.delay.nominal > _DELAY_TOLD:
         draft.findings.append(
             f"torque begins {1e3 * found.delay.nominal:.1f} ms after its command is logged: the file keeps it as "
-            "command.delay, and every loop on the vehicle has it beside one sample"
+            "command.delay, and every loop on the vehicle has it"
         )
     document = {"source": f"{found.source}, identified by gustproof {__version__}; the rest {draft.origin}"}
     document |= {key: value for key, value in draft.document.items() if key not in ("name", "source", "description")}
@@ -281,7 +281,7 @@ def _add_command(draft: _Draft, found: Identification, known: Known) -> None:
     if unmeasured:
         command["unmeasured"] = unmeasured
     draft.set("command", command, _COMMAND_ORIGINS[scale])
-    draft.origins |= {"command.delay": "from a command to its torque at the nominal lag, beside one sample"}
+    draft.origins |= {"command.delay": "from a command to its torque at the nominal lag"}
 
 
 def _delay(found: Identification) -> float | dict[str, float]:

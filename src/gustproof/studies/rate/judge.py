@@ -23,6 +23,7 @@ from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import Prediction, predict
 from gustproof.airframe.tradeoff import linear_laws
 from gustproof.design.autopilot_gains import AutopilotTuning, tune_gains
+from gustproof.design.loops.models import is_own_loop
 from gustproof.design.structures import LawKind
 from gustproof.design.tune import Tuning, default_slew, tune_law
 from gustproof.errors import DesignError
@@ -197,10 +198,10 @@ class Judgement:
 
 
 def scenario_for(law: Law, vehicle: Vehicle, scenario: Scenario) -> Scenario:
-    """Return the scenario at the sample rate of `law`, its delay the same number of samples, or more if measured."""
+    """Return the scenario at the sample rate of `law`, its delay the same number of samples, or as measured."""
     rate = round(1.0 / law.dt)
     day = replace(scenario, control_rate_hz=rate, physics_rate_hz=rate * math.ceil(1000 / rate))
-    return with_measured_delay(day, vehicle)
+    return with_measured_delay(day, vehicle, on_board=is_own_loop(law))
 
 
 def judge_law(

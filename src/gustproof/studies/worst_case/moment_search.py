@@ -18,6 +18,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden, Moment, MomentSine, MomentSquare, MomentStep
 from firmware_model.types import Vector
+from gustproof.design.loops.models import is_own_loop
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
 from gustproof.flight.routes.outcome import FlightOutcome
@@ -166,7 +167,8 @@ class _Search:
             gyro=GyroFault(noise=False),
             accelerometer=AccelerometerFault(noise=False),
         )
-        self._base_scenario = with_measured_delay(still, vehicle)
+        own = isinstance(law, Law) and is_own_loop(law)
+        self._base_scenario = with_measured_delay(still, vehicle, on_board=own)
         self._law, self._vehicle, self._budget, self._spreads = law, vehicle, np.array(budget), spreads
         self._slowest = math.pi / duration_s  # one change of sign in a flight
         self._flights, self._n_flights, self._seed, self._progress = flights, 0, seed, progress

@@ -7,7 +7,8 @@ import pytest
 import scipy.signal
 from numpy.typing import NDArray
 
-from gustproof.design.loops.filters import Biquad, SampledAxisLoop, butterworth, notch, smoothing
+from firmware_model.config.gyro_filters import Biquad, butterworth, notch
+from gustproof.design.loops.filters import SampledAxisLoop, smoothing
 from gustproof.law.cascade import AxisLaw
 
 RATE = 250.0

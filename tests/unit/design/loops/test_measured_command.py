@@ -131,10 +131,23 @@ def test_a_loop_crosses_over_at_the_measured_gain_and_has_the_measured_delay():
     vehicle = measured()
     model = autopilot_law("px4", {}, vehicle)
     script = scenario_for(model.law, vehicle, AIR)
-    assert script.delay_samples == 3  # a sample, and 8 ms of 4 ms each
+    assert script.delay_samples == 2  # 8 ms of 4 ms each: stamps on board tell the whole delay
     roll, *_ = input_margins(hover_plant(vehicle, script), loop_law(model.law))
     assert roll.crossover == pytest.approx(143.0 * 0.15, rel=0.1)  # the rotors' drag takes 7 %
     assert any("143, 143, 11.7 rad/s^2, 8 ms late" in line for line in model.remarks)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "delay", "own", "other"), [("ardupilot", 0.0, 0, 1), ("px4", 0.006, 2, 3), ("gustproof", 0.0, 1, 1)]
+)
+def test_stamps_on_board_tell_the_whole_delay_of_the_loops_there(autopilot: str, delay: float, own: int, other: int):
+    vehicle = measured(autopilot)
+    assert vehicle.command is not None
+    vehicle = replace(vehicle, command=replace(vehicle.command, delay=delay))
+    loops = autopilot_law("px4" if autopilot == "px4" else "ardupilot", {}, vehicle, rate_hz=250).law
+    for law, samples in ((loops, own), (load_law("flagship"), other)):
+        assert scenario_for(law, vehicle, AIR).delay_samples == samples
+    assert scenario_for(loops, vehicle, replace(AIR, delay_samples=4)).delay_samples == 4
 
 
 @pytest.mark.parametrize(

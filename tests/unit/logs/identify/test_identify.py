@@ -344,7 +344,7 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
         ({"sign": -1.0}, False),
         ({"sign": -1.0, "square": True}, True),
         ({"sign": 0.0}, False),
-        ({"lag": np.log(0.002)}, False),
+        ({"lag": np.log(0.001)}, True),  # a simulator without a lag
         ({"lag": np.log(0.4)}, False),
         ({"delay": 0.029}, True),
         ({"delay": 0.031}, False),

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from firmware_model.config.gyro_filters import butterworth
 from firmware_model.config.parameter_files import read_parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
-from gustproof.design.loops.filters import butterworth
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.law.form import load_law
 from gustproof.robust.lti.margins import margins

@@ -188,8 +188,10 @@ def test_edits_fit_the_real_ardupilot(make_folder, tmp_path):
         _tree("GUSTPROOF_ARDUPILOT", "libraries/AC_CustomControl/AC_CustomControl.h") / "libraries/AC_CustomControl"
     )
     shutil.copytree(library, tmp_path / "libraries" / "AC_CustomControl")
-    write_folder(tmp_path, make_folder(Firmware.ARDUPILOT, "flagship"))
-    with (tmp_path / "edits.patch").open() as edits:
+    law = tmp_path / "law"
+    write_folder(law, make_folder(Firmware.ARDUPILOT, "flagship"))
+    shutil.copytree(law / "libraries", tmp_path / "libraries", dirs_exist_ok=True)
+    with (law / "edits.patch").open() as edits:
         done = subprocess.run(["patch", "-p1"], stdin=edits, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
     assert "fuzz" not in done.stdout

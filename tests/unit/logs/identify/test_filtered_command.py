@@ -1,0 +1,76 @@
+"""Gyros that are logged behind the autopilot's filters, and motors without a lag: what is found is the vehicle's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from firmware_model.config.gyro_filters import gyro_filters
+from gustproof.logs.identify.filtered_command import filter_command
+from gustproof.logs.identify.identify_vehicle import identify
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+
+GAIN, DELAY = 200.0, 0.005
+FILTERS = {
+    "ardupilot": {"INS_GYRO_FILTER": 20.0, "INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 60.0, "INS_HNTCH_BW": 30.0},
+    "px4": {"IMU_GYRO_CUTOFF": 30.0, "IMU_GYRO_NF0_FRQ": 50.0, "IMU_GYRO_NF0_BW": 20.0},
+}
+
+
+def make_log(system: str, hertz: int, lag: float, *, raw: bool) -> FlightLog:
+    """Return 40 s of steps and noise as commands, held for 2.5 ms, and the rates by them behind the filters."""
+    rng, fine, rate = np.random.default_rng(4), 1600, 400
+    command = 0.02 * np.repeat(rng.normal(size=(160, 3)), 100, axis=0) + 0.004 * rng.normal(size=(16000, 3))
+    held = np.repeat(command, fine // rate, axis=0)
+    late = np.vstack([np.zeros((round(DELAY * fine), 3)), held])[: len(held)]
+    kept = np.exp(-1.0 / (fine * lag)) if lag else 0.0
+    driven = GAIN * lfilter([1.0 - kept], [1.0, -kept], late, axis=0) + rng.normal(size=late.shape)
+    gyro = np.cumsum(driven, axis=0) / fine + 2e-3 * rng.normal(size=late.shape)
+    parameters = FILTERS[system] | {"SCHED_LOOP_RATE": 400.0, "IMU_GYRO_RATEMAX": 400.0}
+    for b0, b1, b2, a1, a2 in [] if raw else gyro_filters(system, parameters, fine):
+        gyro = lfilter((b0, b1, b2), (1.0, a1, a2), gyro, axis=0)
+    time = np.arange(len(command)) / rate + 1.0
+    every = fine // hertz
+    return FlightLog(
+        source="made",
+        system=system,
+        gyro=LogSignal(time=np.arange(0, len(gyro), every) / fine + 1.0, values=gyro[::every]),
+        command=LogSignal(time=time, values=command),
+        is_gyro_raw=raw,
+        parameters=parameters,
+    )
+
+
+@pytest.mark.parametrize(
+    ("system", "hertz", "lag", "raw"),
+    [
+        ("ardupilot", 400, 0.03, False),
+        ("px4", 200, 0.03, False),
+        ("ardupilot", 100, 0.03, False),  # coloured noise at 100 Hz, where no wider spacing is left
+        ("ardupilot", 400, 0.0, False),
+        ("px4", 400, 0.0, True),
+    ],
+)
+def test_filters_of_the_gyro_are_none_of_the_vehicle(system: str, hertz: int, lag: float, raw: bool) -> None:
+    found = identify(make_log(system, hertz, lag, raw=raw))
+    assert any("logged behind" in line for line in found.findings) == (not raw)
+    assert any(line.startswith("lag: none is seen") for line in found.findings) == (lag == 0.0)
+    assert found.lateness is not None
+    assert found.lateness.nominal == pytest.approx(lag + DELAY, abs=0.0025)
+    for axis in found.axes:
+        assert axis.gain is not None
+        assert axis.gain.nominal == pytest.approx(GAIN, rel=0.04)
+
+
+def test_command_is_changed_by_known_filters_alone() -> None:
+    log = make_log("px4", 200, 0.03, raw=False)
+    for same in (replace(log, is_gyro_raw=True), replace(log, parameters={}), replace(log, system="csv")):
+        assert filter_command(same) is same
+    still = replace(log, command=LogSignal(time=log.gyro.time, values=np.full(log.gyro.values.shape, 0.3)))
+    found = filter_command(still).command
+    assert found is not None
+    np.testing.assert_allclose(found.values, 0.3, rtol=1e-9)
+    motors = filter_command(replace(still, command=None, motors=still.command)).motors
+    assert motors is not None
+    np.testing.assert_allclose(motors.values, 0.3, rtol=1e-9)
