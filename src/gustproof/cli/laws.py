@@ -181,6 +181,7 @@ def read_gains(
     from gustproof.design.loops.models import AUTOPILOTS, autopilot_law, read_autopilot_law
     from gustproof.law.write.matrices import read_law
     from gustproof.logs.read.read_log import read_log
+    from gustproof.studies.rate.flown_loops import doubt_flown_gains
 
     path = Path(gains)
     if over is not None:
@@ -193,7 +194,8 @@ def read_gains(
     findings: tuple[str, ...] = ()
     if is_log(gains):
         log = log or read_log(path)
-        findings, model = log.findings, autopilot_law(log.system, logged_parameters(path, log), vehicle)
+        model = autopilot_law(log.system, logged_parameters(path, log), vehicle)
+        findings = (*doubt_flown_gains(log), *log.findings)
     else:
         model = read_autopilot_law(path, vehicle)
     return model.law, model.thrust_step, (*model.remarks, *findings)

@@ -11,6 +11,7 @@ from gustproof.logs.identify.gyro_spectrum import GyroSpectrum, gyro_spectrum
 from gustproof.logs.identify.shown_vehicle import ShownVehicle, show_vehicle
 from gustproof.logs.read.flight_log import FlightLog
 from gustproof.studies.rate.filter_advice import FilterChoice, weigh_filters
+from gustproof.studies.rate.flown_loops import doubt_flown_gains
 from gustproof.studies.rate.judge import Judgement, Verdict, judge_law
 
 NO_MASS = (
@@ -114,4 +115,6 @@ def _judge(found: LoggedFlight, shown: ShownVehicle, progress: Callable[[float, 
     filters: tuple[FilterChoice, ...] = ()
     if found.spectrum is not None:
         filters = weigh_filters(log.system, log.parameters, found.spectrum, judged.vehicle, judged.scenario)
-    return replace(found, judgement=judged, remarks=model.remarks, filters=filters, no_judgement="")
+    return replace(
+        found, judgement=judged, remarks=(*model.remarks, *doubt_flown_gains(log)), filters=filters, no_judgement=""
+    )

@@ -386,7 +386,7 @@ def _advise(axis: _Axis) -> str:
     if share > _MOSTLY:
         return (
             f"{name} is not identified: the command explains {100.0 * share:.0f} % of its acceleration, but not always "
-            "alike. The log may hold more than the flight: cut that off (--from, --to)"
+            "alike. The log may hold more than the flight: cut that off (`identify --from`, `--to`)"
         )
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
