@@ -13,6 +13,7 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from gustproof.logs.identify.stretches import LONGEST_GAP, sample_time
+from gustproof.logs.read.assemble import TOO_SLOW
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
 
@@ -55,7 +56,8 @@ def fill_command(log: FlightLog) -> FlightLog | None:
         f"samples it is filled in by the gyro, which explains {told} % of its quick part in roll, pitch, yaw"
     )
     filled = LogSignal(time=time, values=np.column_stack(columns))
-    return replace(log, command=filled, findings=(*log.findings, line))
+    others = [each for each in log.findings if not (each.startswith("command: ") and each.endswith(TOO_SLOW))]
+    return replace(log, command=filled, findings=(*others, line))
 
 
 def _fill_axis(gyro: LogSignal, command: LogSignal, axis: int, time: Array) -> tuple[Array, float]:

@@ -23,6 +23,8 @@ _PIECE = 16  # samples before or after the longest piece; fewer are wrong stamps
 _SPIKE, _STEADY = 20.0, 0.99  # a lone sample further from both neighbours than so many usual steps is damaged
 _LEAST_SPIKE = {"gyro": 1.0, "command": 0.2, "motors": 0.2, "accelerometer": 20.0}  # in the signal's unit
 _WANTED_RATE = 100.0  # [Hz] below which the loop's lag can't be told from the sampling
+TOO_SLOW = f"identification needs {_WANTED_RATE:.0f} Hz or more"
+"""End of the finding about a signal of a low rate."""
 _NEARLY = 0.8  # share of the highest rate
 _GAP = 1.5  # share of the usual step
 _CLIPPED = 3.0  # [rad/s] below the least range of a gyro, 250 deg/s
@@ -218,11 +220,12 @@ def _on_clock(rows: Rows, gyro: Rows) -> Rows:
 def _shortcomings(signals: dict[str, LogSignal]) -> list[str]:
     """Return what the signals lack, a line each."""
     lines = [f"{name}: none in this log" for name in SIGNALS[:-1] if name not in signals]
+    used = "gyro", "command" if "command" in signals else "motors"
     for name, signal in signals.items():
         steps = np.diff(signal.time)
         step = float(np.median(steps))
-        if name in ("gyro", "command", "motors") and step * _WANTED_RATE > 1.01:
-            lines.append(f"{name}: {1.0 / step:.0f} Hz; identification needs {_WANTED_RATE:.0f} Hz or more")
+        if name in used and step * _WANTED_RATE > 1.01:
+            lines.append(f"{name}: {1.0 / step:.0f} Hz; {TOO_SLOW}")
         gaps = steps[steps > _GAP * step]
         if name == "gyro" and len(gaps):
             lost = int(np.sum(np.rint(gaps / step) - 1.0))
