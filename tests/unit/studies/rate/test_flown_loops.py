@@ -18,7 +18,7 @@ PARAMETERS = {
         for axis in ("ROLL", "PITCH", "YAW")
         for name, value in (("P", 0.1), ("I", 0.3), ("D", 0.004), ("K", 1.5))
     }
-    | {"IMU_GYRO_CUTOFF": 40.0, "IMU_DGYRO_CUTOFF": 20.0, "MC_YAW_TQ_CUTOFF": 2.0},
+    | {"IMU_GYRO_CUTOFF": 6.0, "IMU_DGYRO_CUTOFF": 20.0, "MC_YAW_TQ_CUTOFF": 2.0},
     "ardupilot": {
         f"ATC_RAT_{axis}_{name}": value
         for axis in ("RLL", "PIT", "YAW")
@@ -27,7 +27,7 @@ PARAMETERS = {
             ("I", 0.4),
             ("D", 0.006),
             ("FF", 0.05),
-            ("FLTT", 15.0),
+            ("FLTT", 3.0),
             ("FLTE", 8.0),
             ("FLTD", 20.0),
         )
@@ -49,13 +49,13 @@ def flown(kind: str, scale: float, *, noise: float = 0.0) -> FlightLog:
     random, n = np.random.default_rng(2), 10_000
     rate, target = (smooth(3.0 * random.standard_normal(n), 2.0) for _ in range(2))
     if kind == "px4":
-        seen = smooth(rate, 40.0)
+        seen = smooth(rate, 6.0)
         error = target - seen
         slope = smooth(np.gradient(seen, DT), 20.0)
         command = scale * 1.5 * (0.1 * error + 0.3 * DT * np.cumsum(error) - 0.004 * slope)
         commands = np.column_stack([command, command, smooth(command, 2.0)])
     else:
-        wanted = smooth(target, 15.0)
+        wanted = smooth(target, 3.0)
         error = smooth(wanted - rate, 8.0)
         slope = smooth(np.gradient(error, DT), 20.0)
         command = scale * (0.15 * error + 0.4 * DT * np.cumsum(error) + 0.006 * slope + 0.05 * wanted)
