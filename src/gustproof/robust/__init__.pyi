@@ -11,6 +11,7 @@ from gustproof.robust.gain.parts import Slope as Slope
 from gustproof.robust.hinf.h2syn import h2syn as h2syn
 from gustproof.robust.hinf.hinfsyn import HinfResult as HinfResult
 from gustproof.robust.hinf.hinfsyn import hinfsyn as hinfsyn
+from gustproof.robust.hinf.mixsyn import augw as augw
 from gustproof.robust.hinf.mixsyn import mixsyn as mixsyn
 from gustproof.robust.lpv.lpvsyn import LftController as LftController
 from gustproof.robust.lpv.lpvsyn import ScheduledController as ScheduledController

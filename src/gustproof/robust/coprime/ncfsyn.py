@@ -16,7 +16,7 @@ _ROUNDING = 1e-6
 """[-] relative excess of the norm over its level that counts as rounding: the level is met with equality."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ShapedController(CheckedController):
     """A loop-shaping controller `W1 K_s W2`, with the evidence of its shaped loop.
 

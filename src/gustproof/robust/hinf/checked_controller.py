@@ -1,11 +1,12 @@
 """A controller that its closed loop vouches for: the result of every synthesis."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.lti.state_space import Lti, signal_names
+from gustproof.robust.shown import Shown
 
 if TYPE_CHECKING:
     import control
@@ -14,8 +15,8 @@ ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
 """Errors by which arithmetic gives up."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CheckedController:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class CheckedController(Shown):
     """A controller with its level, and the norm of the loop that it closes, computed from that loop alone."""
 
     controller: Lti
@@ -28,13 +29,44 @@ class CheckedController:
     """[rad/s] frequency of that norm."""
     checks: tuple[str, ...] = ()
     """Checks of the closed loop that were passed, a sentence each."""
+    measured: tuple[str, ...] = ()
+    """Names of the inputs of the controller, the measurements of its plant; empty if these have none."""
+    controls: tuple[str, ...] = ()
+    """Names of its outputs, the controls of its plant; empty if these have none."""
 
     @property
     def K(self) -> "control.StateSpace":
         """The controller for python-control, a copy at each call."""
-        return self.controller.to_control()
+        names = {"inputs": self.measured, "outputs": self.controls}
+        return self.controller.to_control(**{kind: list(given) for kind, given in names.items() if given})
+
+    def lines(self) -> list[str]:
+        """Return its size, level and norm, then what was checked."""
+        K = self.controller
+        size = f"{K.n_outputs} x {K.n_inputs}, {K.order} states, {f'{K.dt:g} s' if K.dt else 'continuous'}"
+        least = getattr(self, "gamma_opt", None)
+        known = [] if least is None else [f"least level: {least:.6g}"]
+        where = f" at {self.omega:.4g} rad/s" if np.isfinite(self.omega) else ""
+        known += [f"level: {self.gamma:.6g}", f"norm: {self.norm:.6g}{where}"]
+        cost = getattr(self, "regularization", 0.0)
+        known += [f"regularisation: {cost:.3g}, which adds {self._excess():.3g} to the level"] if cost else []
+        signals = [f"signals: {', '.join(self.measured)} to {', '.join(self.controls)}"] if self.measured else []
+        return [f"{type(self).__name__}: {size}", *known, *signals, *(f"checked: {each}" for each in self.checks)]
+
+    def _excess(self) -> float:
+        return float(getattr(self, "gamma_excess", 0.0))
 
     @property
     def order(self) -> int:
         """Number of controller states."""
         return self.controller.order
+
+
+_Result = TypeVar("_Result", bound=CheckedController)
+
+
+def keep_names(result: _Result, P: Any) -> _Result:
+    """Return a controller with the names that its generalised plant gives to measurements and controls."""
+    inputs, outputs = signal_names(P)
+    y, u = outputs[len(outputs) - result.controller.n_inputs :], inputs[len(inputs) - result.controller.n_outputs :]
+    return replace(result, measured=y if all(y) else (), controls=u if all(u) else ())

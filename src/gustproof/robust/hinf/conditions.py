@@ -112,14 +112,14 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
     """
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     parts = part(P, n_meas, n_con)
-    Q_z, control_scale = _complete_basis(parts.D12, "D12 lacks full column rank: a control is not weighted in z")
-    Q_w, noise_scale = _complete_basis(parts.D21.T, "D21 lacks full row rank: a measurement has no noise in w")
-    measurement_scale = noise_scale.T
     scale = max(largest_gain(P.A), np.finfo(float).tiny)
     poles = eigenvalues(P.A)
     for pole in poles[poles.real >= -_AXIS * scale]:
         _require_controllable(P.A, parts.B2, pole, scale, "P is not stabilisable by u")
         _require_controllable(P.A.T, parts.C2.T, pole, scale, "P is not detectable from y")
+    Q_z, control_scale = _complete_basis(parts.D12, "D12 lacks full column rank: {}control {} is not weighted in z")
+    Q_w, noise_scale = _complete_basis(parts.D21.T, "D21 lacks full row rank: {}measurement {} has no noise in w")
+    measurement_scale = noise_scale.T
     control_zeros = _require_no_axis_zero(P.A, parts.B2 @ control_scale, parts.C1, Q_z[:, -n_con:], "from u to z")
     filter_zeros = _require_no_axis_zero(P.A.T, parts.C2.T @ noise_scale, parts.B1.T, Q_w[:, -n_meas:], "from w to y")
     rows, columns = np.zeros((P.n_outputs, P.n_outputs)), np.zeros((P.n_inputs, P.n_inputs))
@@ -143,10 +143,15 @@ def normalize(P: Lti, n_meas: int, n_con: int) -> NormalizedPlant:
 
 
 def _complete_basis(D: Matrix, failure: str) -> tuple[Matrix, Matrix]:
-    """Return an orthogonal `Q` and a square `S` with `Q^T D S = [0; I]`; raise if `D` lacks full column rank."""
+    """Return an orthogonal `Q` and a square `S` with `Q^T D S = [0; I]`; raise if `D` lacks full column rank.
+
+    The text `failure` has places for "a combination" and for the number of the column that is most of it.
+    """
     singular, m = np.linalg.svd(D, compute_uv=False), D.shape[1]
     if D.shape[0] < m or singular[-1] <= _RANK * singular[0]:
-        raise SingularProblemError(failure)
+        null = np.abs(np.linalg.svd(D)[2][-1])
+        others = "a combination with most of " if np.sum(null > _RANK * null.max()) > 1 else ""
+        raise SingularProblemError(failure.format(others, int(np.argmax(null)) + 1))
     Q, R = np.linalg.qr(D, mode="complete")
     return np.hstack([Q[:, m:], Q[:, :m]]), np.asarray(np.linalg.inv(R[:m]), dtype=np.float64)
 

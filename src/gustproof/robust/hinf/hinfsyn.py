@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.channels import PlantUnits, solve_in_best_units
-from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController
+from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names
 from gustproof.robust.hinf.closed_loop import loop_norm
 from gustproof.robust.hinf.conditions import NormalizedPlant, normalize, require_sizes
 from gustproof.robust.hinf.discrete_image import continuous_image, discrete_original
@@ -36,7 +36,7 @@ _BEYOND_MISS = 0.1
 """[-] part of the bracket that is stepped over after a step to where there is no Riccati solution."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class HinfResult(CheckedController):
     """A checked controller with its level and the evidence.
 
@@ -149,7 +149,7 @@ def hinfsyn(
     require_sizes(plant, n_meas, n_con)
     design = _Design(plant=plant, n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
     try:
-        return design.solve(regularize=regularize)
+        return keep_names(design.solve(regularize=regularize), P)
     except ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,9 @@ from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
 from gustproof.robust.uncertain.uncertain_system import append
+
+if TYPE_CHECKING:
+    import control
 
 Weight = LinearSystem | ArrayLike | None
 """A stable system or a gain; one of a single channel weights each channel alike; `None` leaves the signal out."""
@@ -55,16 +59,7 @@ def mixsyn(
     '1.37'
     """
     plant = as_lti(G)
-    weights = {
-        name: _as_weight(name, weight, channels, plant)
-        for name, weight, channels in (
-            ("W1", W1, plant.n_outputs),
-            ("W2", W2, plant.n_inputs),
-            ("W3", W3, plant.n_outputs),
-        )
-    }
-    if not any(weight.n_outputs for weight in weights.values()):
-        raise ValueError("mixsyn needs at least one of the weights W1, W2 and W3")
+    weights = _weights(plant, W1, W2, W3)
     P = _generalised_plant(plant, weights)
     result = hinfsyn(P, plant.n_outputs, plant.n_inputs, gamma=gamma, regularize=True)
     loop, first = lft(P, result.controller), 0
@@ -75,6 +70,41 @@ def mixsyn(
             checks.append(f"the norm of {name} {part} is {hinf_norm(loop.subsystem(rows, slice(None))).gain:.6g}")
             first += weight.n_outputs
     return replace(result, checks=tuple(checks))
+
+
+def augw(G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None) -> "control.StateSpace":
+    """Return the generalised plant of `mixsyn`, from (r, u) to (W1 e, W2 u, W3 g, e), with `g = G u` and `e = r - g`.
+
+    Raises
+    ------
+    ValueError
+        If no weight is given, or channels or sample times do not fit.
+    DesignError
+        If a weight is unstable.
+
+    Examples
+    --------
+    >>> from control import tf
+    >>> from gustproof.robust import augw, hinfsyn
+    >>> P = augw(tf(200, [0.025, 1.0025, 10.1, 1]), tf([1 / 1.5, 10], [1, 10 * 1e-4]), 1.0)
+    >>> hinfsyn(P, n_meas=1, n_con=1, regularize=True).K.input_labels
+    ['e[0]']
+    """
+    plant = as_lti(G)
+    P = _generalised_plant(plant, _weights(plant, W1, W2, W3))
+    p, m = plant.n_outputs, plant.n_inputs
+    inputs = [*(f"r[{k}]" for k in range(p)), *(f"control[{k}]" for k in range(m))]
+    outputs = [*(f"z[{k}]" for k in range(P.n_outputs - p)), *(f"e[{k}]" for k in range(p))]
+    return P.to_control(inputs=inputs, outputs=outputs)
+
+
+def _weights(plant: Lti, W1: Weight, W2: Weight, W3: Weight) -> dict[str, Lti]:
+    """Return each weight by name, of the plant's channels."""
+    channels = (("W1", W1, plant.n_outputs), ("W2", W2, plant.n_inputs), ("W3", W3, plant.n_outputs))
+    weights = {name: _as_weight(name, weight, count, plant) for name, weight, count in channels}
+    if not any(weight.n_outputs for weight in weights.values()):
+        raise ValueError("one of the weights W1, W2 and W3 must be given")
+    return weights
 
 
 def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:

@@ -36,7 +36,7 @@ Model = Callable[[Point], LinearSystem]
 """Generalised plant at a point."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ScheduledController(CheckedController):
     """A controller for each point of a grid, and between.
 
@@ -83,7 +83,7 @@ class ScheduledController(CheckedController):
         return self._at(point, (0.0,) * len(point) if speed is None else tuple(float(value) for value in speed))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class LftController(CheckedController):
     """A controller with a copy of the plant's parameters.
 

@@ -5,6 +5,7 @@ Users plot and check with `control.StateSpace`. It is mutable, drops states on r
 copy it into an `Lti`; `Lti.to_control` alone makes a `control.StateSpace`.
 """
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -17,6 +18,9 @@ from gustproof.types import readonly_copy
 
 if TYPE_CHECKING:
     import control
+
+_UNNAMED = re.compile(r"[uy]\[\d+\]")
+"""Names that python-control gives to signals."""
 
 Matrix = NDArray[np.float64]
 ComplexMatrix = NDArray[np.complex128]
@@ -148,6 +152,17 @@ class Lti:
         return control.StateSpace(
             self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), self.dt, remove_useless_states=False, **names
         )
+
+
+def signal_names(system: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the inputs and of the outputs of a system of python-control, or of an uncertain one.
+
+    A signal that nobody has named has the empty name.
+    """
+    kinds = (("input_labels", "inputs"), ("output_labels", "outputs"))
+    labels = (getattr(system, given, getattr(system, ours, ())) for given, ours in kinds)
+    inputs, outputs = (tuple("" if _UNNAMED.fullmatch(name) else name for name in names) for names in labels)
+    return inputs, outputs
 
 
 def as_lti(system: LinearSystem) -> Lti:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.robust.gain.multipliers import best_multipliers
-from gustproof.robust.hinf.checked_controller import CheckedController
+from gustproof.robust.hinf.checked_controller import CheckedController, keep_names
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_continuous, as_lti
@@ -73,7 +73,7 @@ class MuStep:
     """Number of controller states."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class MuResult(CheckedController):
     """A controller with bounds of its measure: `norm` is attained, `gamma` is never exceeded."""
 
@@ -190,7 +190,7 @@ def musyn(
         if step.upper > (1.0 - tolerance) * found.upper:
             break
     progress(1.0, f"{measure} {history[-1].upper:.4g}")
-    return _result(problem, controller, tuple(history))
+    return keep_names(_result(problem, controller, tuple(history)), P)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -69,7 +69,7 @@ class SearchStart:
     """Reason for an infinite `target`; empty if it is finite."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class StructResult(CheckedController):
     """A controller of the required structure and a record of its search; states are those of the blocks in order.
 

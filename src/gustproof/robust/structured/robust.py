@@ -25,7 +25,7 @@ _GAIN = 1e-3
 """[-] least relative fall of the certified gain, and least excess of a new member's gain, that counts."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class RobustResult(StructResult):
     """A controller of fixed structure with the certified gain of its uncertain loop.
 

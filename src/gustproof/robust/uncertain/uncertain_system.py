@@ -4,7 +4,6 @@ Every operation appends the operands and closes channels of the result. A ration
 written as for numbers. Parameters of one name are one parameter throughout. The module is not specific to flight.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.bilinear import tustin
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, is_singular
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, is_singular, signal_names
 from gustproof.robust.lti.state_space import lft as close_known
 from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.family_plot import draw_family
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 _EDGE = 1e-9
 """[-] excess over 1 of a normalised value that counts as rounding."""
-_UNNAMED = re.compile(r"[uy]\[\d+\]")
-"""Names that python-control gives to signals."""
 _CORNERS = 10
 """Most parameters whose ranges' corners are all tried for a singular divisor."""
 
@@ -328,8 +325,7 @@ def as_uncertain(system: Any) -> Uncertain:
         return system
     if not hasattr(system, "dt"):
         return Uncertain(M=gain(system))
-    labels = (getattr(system, kind, ()) for kind in ("input_labels", "output_labels"))
-    inputs, outputs = (tuple("" if _UNNAMED.fullmatch(name) else name for name in names) for names in labels)
+    inputs, outputs = signal_names(system)
     return Uncertain(M=as_lti(system), inputs=inputs, outputs=outputs)
 
 

@@ -60,6 +60,39 @@ def test_h2syn_refuses_by_name(D, message):
         h2syn(Lti(**UNSTABLE, D=D), 1, 1)
 
 
-def test_h2syn_refuses_a_discrete_plant():
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sampled_controller_has_the_least_norm_with_feedthrough_everywhere(seed):
+    rng = np.random.default_rng(seed)
+    D = rng.normal(size=(5, 5))
+    D[3:, 3:] *= 0.2
+    P = Lti(A=0.8 * rng.normal(size=(4, 4)), B=rng.normal(size=(4, 5)), C=rng.normal(size=(5, 4)), D=D, dt=0.1)
+    result = h2syn(P, 2, 2)
+    K = result.controller
+    assert h2_norm(lft(P, K)) == pytest.approx(result.gamma, rel=1e-9)
+    for _ in range(6):
+        changes = {name: getattr(K, name) + 0.01 * rng.normal(size=getattr(K, name).shape) for name in "ABCD"}
+        assert h2_norm(lft(P, Lti(**changes, dt=0.1))) >= result.gamma * (1.0 - 1e-9)
+
+
+def test_a_sampled_controller_is_the_printed_one():
+    """SLICOT, examples/SB10ED.dat and SB10ED.res, to one in the last digit printed."""
+    rows = """
+    -.7 0 .3 0 -.5 -.1 -.6 .2 -.4 -.3 0 0 -.5 .7 -.1 0 0 -.8 -.7 0 0 -.5 -1 0 0 .3 .6 -.9 .1 -.4 .5 -.8 0 0 .2 -.9
+    -1 -2 -2 1 0 1 0 1 -2 1 -3 -4 0 2 -2 1 -2 1 0 -1 0 1 -2 0 3 1 0 3 -1 -2 1 -1 2 -2 0 -3 -3 0 1 -1 1 0 0 2 0 -4 0 -2
+    1 -3 0 0 3 1 0 1 -2 1 0 -2 1 -1 -2 0 0 0 1 0 1 0 2 -1 -3 0 1 0 1 0 1 -1 0 0 1 2 1"""
+    A, B, C, D = np.split(np.array(rows.split(), float), [36, 66, 96])
+    D = D.reshape(5, 5)
+    D[:3, :3] = 0.0
+    K = h2syn(control.ss(A.reshape(6, 6), B.reshape(6, 5), C.reshape(5, 6), D, 1.0), 2, 2).K
+    assert pytest.approx([-0.0551, -2.1891, -0.6607, -0.2532, 0.6674, -1.0044], abs=1e-4) == K.A[0]
+    assert np.abs(K.B[:2] - [[-0.5985, -0.5464], [0.5285, 0.6087]]).max() < 1e-4
+    assert pytest.approx([0.25, -1.02, -0.3371, -0.2733, 0.2747, -0.4444], abs=1e-4) == K.C[0]
+    assert np.abs(K.D - [[-0.2181, -0.2070], [0.1094, 0.1159]]).max() < 1e-4
+
+
+def test_h2syn_refuses_a_discrete_plant_that_has_no_solution():
     with pytest.raises(ValueError, match="P is discrete"):
-        h2syn(Lti(**UNSTABLE, D=GOOD_D, dt=0.1), 1, 1)
+        h2syn(Lti(**UNSTABLE, D=GOOD_D, dt=0.1), 1, 1, regularize=True)
+    hidden = {"A": [[1.5]], "B": [[1.0, 0.0, 0.0]], "C": [[1.0], [0.0], [1.0]]}
+    with pytest.raises(DesignError, match="stabilisable by u"):
+        h2syn(Lti(**hidden, D=GOOD_D, dt=0.1), 1, 1)

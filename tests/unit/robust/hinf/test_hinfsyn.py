@@ -210,7 +210,7 @@ def test_problems_from_which_other_programs_do_not_return_are_refused_by_name():
         D=[[0.8, 0.0], [1.0, 0.0]],
     )
     for P in (mixsyn_973, hinfsyn_152):
-        with pytest.raises(DesignError, match="D12 lacks full column rank: a control is not weighted in z"):
+        with pytest.raises(DesignError, match="D12 lacks full column rank: control 1 is not weighted in z"):
             hinfsyn(P, 1, 1)
 
 

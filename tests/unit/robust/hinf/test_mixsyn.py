@@ -3,9 +3,11 @@
 import control
 import numpy as np
 import pytest
+from control import tf
 
 from gustproof.errors import DesignError
-from gustproof.robust.hinf.mixsyn import mixsyn
+from gustproof.robust.hinf.hinfsyn import hinfsyn
+from gustproof.robust.hinf.mixsyn import augw, mixsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import as_lti, gain, sensitivity, series
 
@@ -53,7 +55,7 @@ def test_mixsyn_repeats_a_weight_for_each_channel():
 @pytest.mark.parametrize(
     ("weights", "error", "message"),
     [
-        ({"W1": None}, ValueError, "at least one of the weights"),
+        ({"W1": None}, ValueError, "one of the weights W1, W2 and W3 must"),
         ({"W1": control.tf([1.0], [1.0, -1.0])}, DesignError, "W1 is not stable: it has a pole at 1"),
         ({"W1": W1, "W2": control.tf([1.0], [1.0, 0.0])}, DesignError, "W2 is not stable: it has a pole at 0"),
         ({"W1": np.ones((1, 3))}, ValueError, "W1 has 3 inputs, must have 1 or 1"),
@@ -68,3 +70,16 @@ def test_mixsyn_names_the_weight_at_fault(weights, error, message):
 def test_mixsyn_refuses_what_is_no_system():
     with pytest.raises(ValueError, match="list is no linear system: take a state space or a transfer function"):
         mixsyn([[1.0]], W1)
+
+
+def test_the_generalised_plant_has_names_which_its_controller_keeps_and_shows():
+    P = augw(tf(200, [0.025, 1.0025, 10.1, 1]), tf([1 / 1.5, 10], [1, 10 * 1e-4]), 1.0)
+    result = hinfsyn(P, 1, 1, regularize=True)
+    assert (result.K.input_labels, result.K.output_labels) == (["e[0]"], ["control[0]"])
+    shown = str(result).splitlines()
+    assert shown[0] == "HinfResult: 1 x 1, 4 states, continuous"
+    assert shown[1].startswith("least level: 1.36")
+    assert shown[-1] == "checked: its norm, from its state space alone, is below gamma"
+    assert len(shown) <= 10
+    assert "<caption>HinfResult" in result._repr_html_()
+    assert repr(result) == str(result)
