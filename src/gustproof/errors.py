@@ -12,7 +12,7 @@ class DesignError(Exception):
     ...     hinfsyn(ss([[1.0]], [[1.0, 1.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]]), n_meas=1, n_con=1)
     ... except DesignError as error:
     ...     print(error)
-    D12 lacks full column rank: a control is not weighted in z
+    D12 lacks full column rank: control 1 is not weighted in z
     """
 
 
