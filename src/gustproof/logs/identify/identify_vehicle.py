@@ -95,6 +95,8 @@ class _Axis:
     """Series."""
     held_out: "_HeldOut | None" = None
     """Test on the pieces of the flight that its fit has not seen."""
+    is_filled: bool = False
+    """True if its commands are filled in by the gyro: the answer to them then hides behind that."""
 
     @property
     def wide_gain(self) -> Interval:
@@ -106,7 +108,7 @@ class _Axis:
     def doubt(self) -> str:
         """Reason why the model is none of this vehicle, whatever its gain; empty if there is none."""
         test, delay = self.held_out, interval(self.theta, self.replicates, lambda p: p[..., DELAY])
-        if at_bound(self.theta):
+        if at_bound(self.theta) or (self.is_filled and is_prompt(self.theta)):
             return "its lag ends at a bound of the search, which is no estimate"
         if delay.low > _LATEST:
             return (
@@ -176,7 +178,7 @@ def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampl
     tell(0.9)
     ahead = _cut(log, command, rest)
     for axis, seen in zip(axes, trained, strict=True):
-        axis.held_out = _test_held_out(seen, ahead)
+        axis.held_out, axis.is_filled = _test_held_out(seen, ahead), sampled > 0.0
     return _collect(log, command, axes, slow=slow, sampled=sampled)
 
 

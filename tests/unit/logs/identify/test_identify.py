@@ -345,6 +345,8 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
         ({"sign": -1.0, "square": True}, True),
         ({"sign": 0.0}, False),
         ({"lag": np.log(0.001)}, True),  # a simulator without a lag
+        ({"lag": np.log(0.001), "is_filled": True}, False),  # a vehicle of 128 ms, logged at 50 Hz, was told as 1 ms
+        ({"is_filled": True}, True),
         ({"lag": np.log(0.4)}, False),
         ({"delay": 0.029}, True),
         ({"delay": 0.031}, False),
@@ -356,7 +358,7 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
 )
 def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, told):
     given = {"spread": 0.0, "evidence": 11.0, "damping": 0.5, "sign": 1.0, "square": False, "lag": -3.0, "delay": 0.01}
-    given |= {"surprise": 1.0, "scale": 1.0, **changes}
+    given |= {"surprise": 1.0, "scale": 1.0, "is_filled": False, **changes}
     theta = np.zeros(GAINS + 2)  # one channel, and the trim
     theta[LAG], theta[DAMPING], theta[GAINS] = given["lag"], given["damping"], given["sign"] * gain
     theta[DELAY] = given["delay"]
@@ -367,6 +369,7 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
         data=SimpleNamespace(square=given["square"]),
         theta=theta, replicates=replicates, unexplained=0.0, curves=curves,
         held_out=SimpleNamespace(**{name: given[name] for name in ("surprise", "scale", "evidence")}),
+        is_filled=given["is_filled"],
     )  # fmt: skip
     assert (axis.gain is not None) == told
     if told:  # within what it is drawn with, and the hundredth that the model leaves out
