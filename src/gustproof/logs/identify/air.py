@@ -33,8 +33,9 @@ _SEGMENT_S = 60.0  # of Welch's method: the air is slow
 _BAND_HZ = 30.0  # above it vibration hides the air
 _REPLAY_HZ = 50.0
 _WORST_LAG_ERROR = 0.005  # [s]
-_UNLIKE = 3.0  # airspeed over wind
-_SLOWEST, _FASTEST = 1.0, 500.0  # [m/s] airspeed
+_UNLIKE = 3.0  # airspeed over wind, or wind over airspeed
+_SLOWEST, _FASTEST = 1.0, 500.0  # [m/s] airspeed of the search
+_AT_BOUND = 1e-3  # relative
 _TRUST = 0.7  # [-] standard deviation of the logarithms of airspeed over mean wind, and of the yaw ratio
 
 
@@ -82,10 +83,12 @@ class IdentifiedAir:
     @property
     def doubt(self) -> str:
         """Line that says if the disturbance is unlike turbulence in the mean wind, else empty."""
-        if self.airspeed < _UNLIKE * max(self.wind_speed_20ft, 1.0):
+        pace = self.airspeed / max(self.wind_speed_20ft, 1.0)
+        if 1.0 < _UNLIKE * pace < _UNLIKE**2:
             return ""
+        unlike = "quicker" if pace > 1.0 else "slower"
         return (
-            f"the disturbance is quicker than turbulence: in {self.wind_speed_20ft:.2g} m/s of wind, gusts would pass "
+            f"the disturbance is {unlike} than turbulence: in {self.wind_speed_20ft:.2g} m/s of wind, gusts would pass "
             f"at {self.airspeed:.2g} m/s. It may be of motors, or of what the model lacks"
         )
 
@@ -98,7 +101,8 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Ide
     Raises
     ------
     ConfigError
-        If neither roll nor pitch is identified, no stretch in the air is long enough, or no wind turns the vehicle.
+        If neither roll nor pitch is identified, no stretch in the air is long enough, or no wind turns the vehicle. If
+        the airspeed ends at a bound of its search.
     """
     log = filter_command(log)
     known = [k for k in range(3) if _force(log, found, k) is not None]
@@ -113,6 +117,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Ide
     spectra = _make_spectra(grids, steps, found)
     omega = spectra.omega
     wind, airspeed, yaw_ratio, errors = _fit(spectra, vehicle, known)
+    _check_airspeed(log.source, wind, airspeed)
     wide = np.geomspace(1e-4, 1e4, 4000)
     density = turbulence_density(wide, vehicle, airspeed, yaw_ratio)
     variance = np.array([wind**2 * np.trapezoid(each, wide) for each in density])
@@ -158,6 +163,14 @@ def make_grids(log: FlightLog, found: Identification) -> list[Grid]:
         settled = slice(round(SETTLING / found.dt), None)
         grids.append(Grid(time=grid[settled], gyro=mean[settled], count=count[settled], drive=drive[settled]))
     return grids
+
+
+def _check_airspeed(source: str, wind: float, airspeed: float) -> None:
+    """Refuse an airspeed at a bound of its search, but for the least in little wind: gusts may then pass so slowly."""
+    is_slow = wind >= _UNLIKE * _SLOWEST and airspeed / _SLOWEST < 1.0 + _AT_BOUND
+    if is_slow or _FASTEST / airspeed < 1.0 + _AT_BOUND:
+        said = f"its gusts' airspeed ends at a bound of the search, {airspeed:.3g} m/s, which is no estimate"
+        raise ConfigError(f"{source}: its air is not told: {said}")
 
 
 def turbulence_density(omega: Array, vehicle: Vehicle, airspeed: float, yaw_ratio: float) -> Array:

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -117,6 +118,23 @@ def test_the_disturbance_of_a_flight_is_found(perfect, log_of):
     assert np.all(np.abs(decibels(air.acceleration.std(axis=0) / truth.std(axis=0))) < 2.0)
     for k, least in enumerate((0.95, 0.98, 0.85)):
         assert np.corrcoef(air.acceleration[:, k], truth[:, k])[0, 1] > least
+
+
+def test_a_disturbance_that_is_no_turbulence_tells_no_air(perfect, log_of):
+    """In PX4's own simulator, without wind, what the model lacks was once turbulence at 500 m/s."""
+    records = fly(wind=0.5).copy()
+    assert estimate_air(log_of(records), perfect(IRIS), IRIS).doubt == ""
+    noise = np.random.default_rng(1).standard_normal(records["gyro_B"].shape)
+    records["gyro_B"] += 0.02 * lfilter(*butter(2, 3.0, fs=250.0), noise, axis=0)
+    with pytest.raises(ConfigError, match="ends at a bound of the search"):
+        estimate_air(log_of(records), perfect(IRIS), IRIS)
+
+
+@pytest.mark.parametrize(("airspeed", "told"), [(3.0, "slower"), (10.0, ""), (59.0, "quicker")])
+def test_gusts_that_pass_at_another_speed_than_the_wind_are_doubted(perfect, log_of, airspeed, told):
+    air = estimate_air(log_of(fly()), perfect(IRIS), IRIS)
+    assert told in replace(air, wind_speed_20ft=12.0, airspeed=airspeed).doubt
+    assert bool(replace(air, wind_speed_20ft=12.0, airspeed=airspeed).doubt) == bool(told)
 
 
 def test_lost_samples_change_little(perfect, log_of):
