@@ -59,6 +59,7 @@ _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moment
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
+_KNOWN_LAG, _FAR_APART = 0.5, 12.0  # of a lag's logarithm, within which it is told; the loss where yaw's own is not
 
 Spans = Sequence[tuple[float, float]]
 
@@ -238,15 +239,16 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
     """Return the fit of each axis, found from parameters `near` it; its curves have samples `dt` [s] apart.
 
     Lag and delay are shared by roll and pitch, and by yaw if its own are not far from theirs: the rotors' inertia
-    can make it faster.
+    can make it faster. A yaw that tells its sum of both alone shares them as long as that fits nearly as well.
     """
     fits = [maximise(data[:2], np.concatenate([near[0], near[1][SHARED:]])), maximise(data[2:], near[2])]
     pooled = maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))
-    if pooled.cost - sum(fit.cost for fit in fits) < _APART:
-        fits = [pooled]
+    draws = [bootstrap(fit) for fit in fits]
+    is_known = not at_bound(fits[1].theta) and float(np.std(draws[1][:, LAG])) < _KNOWN_LAG
+    if pooled.cost - sum(fit.cost for fit in fits) < (_APART if is_known else _FAR_APART):
+        fits, draws = [pooled], [bootstrap(pooled)]
     axes = []
-    for fit in fits:
-        replicates = bootstrap(fit)
+    for fit, replicates in zip(fits, draws, strict=True):
         for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
             theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)

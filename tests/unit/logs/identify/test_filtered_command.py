@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from firmware_model.config.gyro_filters import gyro_filters
+from gustproof.logs.identify import identify_vehicle
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.identify_vehicle import identify
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
@@ -18,10 +19,12 @@ FILTERS = {
 }
 
 
-def make_log(system: str, hertz: int, lag: float, *, raw: bool) -> FlightLog:
+def make_log(system: str, hertz: int, lag: float, *, raw: bool, slow_yaw: bool = False) -> FlightLog:
     """Return 40 s of steps and noise as commands, held for 2.5 ms, and the rates by them behind the filters."""
     rng, fine, rate = np.random.default_rng(4), 1600, 400
     command = 0.02 * np.repeat(rng.normal(size=(160, 3)), 100, axis=0) + 0.004 * rng.normal(size=(16000, 3))
+    if slow_yaw:
+        command[:, 2] = 0.4 * lfilter(*butter(2, 0.5, fs=rate), command[:, 2])
     held = np.repeat(command, fine // rate, axis=0)
     late = np.vstack([np.zeros((round(DELAY * fine), 3)), held])[: len(held)]
     kept = np.exp(-1.0 / (fine * lag)) if lag else 0.0
@@ -74,3 +77,12 @@ def test_command_is_changed_by_known_filters_alone() -> None:
     motors = filter_command(replace(still, command=None, motors=still.command)).motors
     assert motors is not None
     np.testing.assert_allclose(motors.values, 0.3, rtol=1e-9)
+
+
+def test_yaw_that_tells_no_lag_has_that_of_roll_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"_APART": -1e9, "_FAR_APART": 1e9, "_KNOWN_LAG": 0.1}.items():
+        monkeypatch.setattr(identify_vehicle, name, value)
+    found = identify(make_log("ardupilot", 400, 0.03, raw=True, slow_yaw=True))
+    assert found.actuator_lag is not None
+    assert found.actuator_lag.high < 0.032
+    assert not any("unlike roll and pitch" in line for line in found.findings)

@@ -1,4 +1,7 @@
 // Law '$name' in place of the attitude and rate controllers; by gustproof $version.
+#if !__has_include("AC_CustomControl_config.h")
+#error "this law needs ArduCopter 4.6 or later: earlier ones do not tell the thrust of a motor"
+#endif
 #include "AC_CustomControl_config.h"
 
 #if AP_CUSTOMCONTROL_ENABLED
