@@ -216,6 +216,8 @@ def as_continuous(name: str, system: LinearSystem) -> Lti:
 
 def gain(D: ArrayLike, dt: float = 0.0) -> Lti:
     """Return the static gain `D` as a system without states."""
+    if np.iscomplexobj(D):
+        raise ValueError("D has complex numbers, must be real")
     matrix = np.atleast_2d(np.asarray(D, dtype=np.float64))
     p, m = matrix.shape
     return Lti(A=np.zeros((0, 0)), B=np.zeros((0, m)), C=np.zeros((p, 0)), D=matrix, dt=dt)

@@ -121,6 +121,7 @@ def _margin(S: Lti, skew: float, where: str) -> DiskMargin:
     most = 2.0 / (1.0 + skew) if skew > -1.0 else math.inf
     lower, upper = (min(1.0 / size if size > 0.0 else math.inf, most) for size in (found.upper, found.lower))
     low = (1.0 - 0.5 * (1.0 - skew) * lower) / (1.0 + 0.5 * (1.0 + skew) * lower)
+    low = low if abs(low) > 1e-12 else 0.0
     left = 1.0 - 0.5 * (1.0 + skew) * lower
     high = (1.0 + 0.5 * (1.0 - skew) * lower) / left if left > 1e-12 else math.inf
     # where the circle on the real diameter from low to high meets the unit circle

@@ -86,6 +86,15 @@ class Uncertain(Shown):
                 raise ValueError(f"there are {width} {kind}, but {len(given)} names: {', '.join(given)}")
             object.__setattr__(self, kind, given)
 
+    if not TYPE_CHECKING:  # a type checker then knows which attributes there are
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise an error that says where functions of python-control lead."""
+            raise AttributeError(
+                f"an uncertain system has no '{name}': of python-control only feedback takes one. "
+                "Take feedback, lft, append and connect of gustproof.robust, or a member by substitute"
+            )
+
     @property
     def n_w(self) -> int:
         """Width of `w_Delta`, the outputs of Delta."""
@@ -260,7 +269,7 @@ class Uncertain(Shown):
             [*range(self.n_z), *(self.n_z + k for k in out)], [*range(self.n_w), *(self.n_w + k for k in into)]
         )
         names = {"inputs": tuple(self.inputs[k] for k in into), "outputs": tuple(self.outputs[k] for k in out)}
-        return Uncertain(M=M, blocks=self.blocks, **names)
+        return _tidy(Uncertain(M=M, blocks=self.blocks, **names))
 
     def __add__(self, other: "System") -> "Uncertain":
         X, Y = self, as_uncertain(other)
@@ -270,7 +279,7 @@ class Uncertain(Shown):
             raise ValueError(f"the sum of systems of {_size(X)} and {_size(Y)}: sizes must be equal")
         n, p = np.eye(X.n_inputs), np.eye(X.n_outputs)
         both = _series(_series(np.vstack([n, n]), append(X, Y)), np.hstack([p, p]))
-        return _tidy(replace(both, inputs=X.inputs, outputs=X.outputs), X, Y)
+        return _tidy(replace(both, inputs=X.inputs, outputs=X.outputs))
 
     def __radd__(self, other: "System") -> "Uncertain":
         return as_uncertain(other) + self
@@ -291,7 +300,7 @@ class Uncertain(Shown):
             last, first = _repeat(last, first.n_outputs), _repeat(first, last.n_inputs)
         if last.n_inputs != first.n_outputs:
             raise ValueError(f"the product of systems of {_size(last)} and {_size(first)}: {last.n_inputs} inputs")
-        return _tidy(_series(first, last), first, last)
+        return _tidy(_series(first, last))
 
     def __rmatmul__(self, other: "System") -> "Uncertain":
         return as_uncertain(other) @ self
@@ -324,6 +333,8 @@ def as_uncertain(system: Any) -> Uncertain:
     if isinstance(system, Uncertain):
         return system
     if not hasattr(system, "dt"):
+        if system is None or isinstance(system, str):
+            raise TypeError(f"{system!r} is no system, matrix or number")
         return Uncertain(M=gain(system))
     inputs, outputs = signal_names(system)
     return Uncertain(M=as_lti(system), inputs=inputs, outputs=outputs)
@@ -464,7 +475,7 @@ def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain:
     p, m = np.eye(plant.n_outputs), np.eye(plant.n_inputs)
     doubled = _series(_series(np.hstack([m, m]), plant), np.vstack([p, p]))
     closed = lft(doubled, sign * controller, plant.n_outputs, plant.n_inputs)
-    return _tidy(replace(closed, inputs=plant.inputs, outputs=plant.outputs), plant, controller)
+    return _tidy(replace(closed, inputs=plant.inputs, outputs=plant.outputs))
 
 
 def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
@@ -570,12 +581,9 @@ def _spread(system: Uncertain, shape: tuple[int, int]) -> Uncertain:
     return _series(_series(np.ones((1, shape[1])), system), np.ones((shape[0], 1)))
 
 
-def _tidy(system: Uncertain, *operands: Uncertain) -> Uncertain:
-    """Return the system without the copies of a block that an operation made and that change nothing."""
-    before = {block.name: block.repeats for each in operands for block in each.blocks}
-    for each in operands:
-        before |= {block.name: max(block.repeats, before[block.name]) for block in each.blocks}
-    if all(block.repeats <= before[block.name] for block in system.blocks):
+def _tidy(system: Uncertain) -> Uncertain:
+    """Return the system without the copies of a block that change nothing."""
+    if all(block.repeats == 1 for block in system.blocks):
         return system
     found = reduce_copies(system.M, system.blocks)
     return replace(system, M=found.M, blocks=found.blocks)

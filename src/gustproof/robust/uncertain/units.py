@@ -17,7 +17,7 @@ from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, column
 _POINTS = 9
 """Frequencies at which channels are compared, from a tenth of the slowest pole to ten times the fastest."""
 _LEAST_NOMINAL = 2.0**-20
-"""[-] gain at Delta = 0, next to that through Delta, below which it may be rounding."""
+"""[-] gain at Delta = 0, next to that through Delta, below which it may be rounding and gives no unit."""
 _MOST = 200
 """Largest exponent of two of a unit: products of scalings and squares are numbers still."""
 
@@ -84,7 +84,8 @@ def channel_units(responses: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> C
     by_row = np.stack([squares[:, at].sum(axis=1) for at in into], axis=1)
     each = np.sqrt(np.stack([by_row[:, :, at].sum(axis=2) for at in out], axis=2))
     through_delta = float(np.max(np.sum(each[:, -1, :-1] * each[:, :-1, -1], axis=1)))
-    output = _power_of_two(max(float(np.max(each[:, -1, -1])), _LEAST_NOMINAL * through_delta))
+    nominal = float(np.max(each[:, -1, -1]))
+    output = _power_of_two(nominal if nominal > _LEAST_NOMINAL * through_delta else through_delta)
     sizes = each.max(axis=0)
     sizes[-1] /= output
     units = separating_units(sizes)

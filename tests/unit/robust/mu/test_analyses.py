@@ -78,6 +78,8 @@ def test_the_worst_member_has_the_worst_gain_and_no_sample_exceeds_the_bound():
     assert max(gains) <= found.upper
     assert found.plot().get_xlabel() == "frequency [rad/s]"
     assert robgain(S, 1.0).upper == 0.0
+    alone = wcgain(ureal("d", range=(-0.1, 0.1)) * tf(1, [1, 1]))  # whose nominal gain is 0
+    assert (alone.lower, alone.upper) == (pytest.approx(0.1), pytest.approx(0.1, rel=0.01))
 
 
 def test_units_similarity_and_the_order_of_blocks_change_no_margin():

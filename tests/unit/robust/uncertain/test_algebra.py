@@ -66,9 +66,11 @@ def test_a_state_space_takes_an_uncertain_divisor_and_a_loop_is_the_formula():
 def test_copies_go_where_they_change_nothing_and_states_stay():
     occurrences = {block.name: block.repeats for block in (M * K + M - 2 * M * (K + 1) + 1 / M / M).blocks}
     assert occurrences == {"m": 3, "k": 1}  # of order two in 1/m beside m
+    assert ([[1, 2]] * append(M, M)).blocks[0].repeats == 1
+    assert append(M, K, M)[:2, :2].blocks[0].repeats == 1
     hidden = ureal("a", range=(1, 2)) * (ct.tf([1, -1], [1, 2]) * ct.tf(1, [1, 0]))
     unseen = append(hidden, hidden)[0, 0]
-    assert (unseen.M.order, unseen.blocks[0].repeats) == (4, 2)
+    assert (unseen.M.order, unseen.blocks[0].repeats) == (4, 1)
     assert (simplify(unseen).M.order, simplify(unseen).blocks[0].repeats) == (2, 1)
 
 
@@ -150,6 +152,11 @@ def test_what_is_no_index_or_exponent_is_told():
         (lambda: M[2, 0], IndexError, "output 2 of a system that has 1"),
         (lambda: M["y", 0], KeyError, "no output is named 'y'"),
         (lambda: M**0.5, TypeError, "must be an integer"),
+        (lambda: M + None, TypeError, "None is no system, matrix or number"),
+        (lambda: M * "k", TypeError, "'k' is no system"),
+        (lambda: M * np.array([[1j]]), ValueError, "D has complex numbers"),
+        (lambda: M / 0, ValueError, "no inverse"),
+        (lambda: ct.series(M, ct.ss(G)), AttributeError, "append and connect of gustproof.robust"),
     ):
         with pytest.raises(kind, match=message):
             wrong()
