@@ -79,8 +79,9 @@ _SIGNALS = {
     ),
     "command": (_Source("RATE", ("ROut", "POut", "YOut")),),
     "accelerometer": (_Source("IMU", ("AccX", "AccY", "AccZ")),),
-    "attitude": (_Source("ATT", ("Roll", "Pitch", "Yaw"), _DEGREE),),
-    "reference": (_Source("ATT", ("DesRoll", "DesPitch", "DesYaw"), _DEGREE),),
+    # ANG has the rate of the loops from ArduCopter 4.6 on, where ATT stays at 10 Hz.
+    "attitude": tuple(_Source(name, ("Roll", "Pitch", "Yaw"), _DEGREE) for name in ("ANG", "ATT")),
+    "reference": tuple(_Source(name, ("DesRoll", "DesPitch", "DesYaw"), _DEGREE) for name in ("ANG", "ATT")),
     "rate_reference": (_Source("RATE", ("RDes", "PDes", "YDes"), _DEGREE),),
 }
 """Sources of each signal, the best first."""

@@ -34,6 +34,19 @@ def test_read_log_of_ardupilot_maps_messages_to_signals(
     assert log.findings == ("parameters: changed in this log, the last value counts: ATC_RAT_RLL_P",)
 
 
+def test_attitude_is_that_of_the_loops_where_they_log_it(
+    written: Write, ardupilot_messages: Messages, make_dataflash: Callable[..., bytes]
+) -> None:
+    rows = [(5_000_000 + 2500 * i, 1.0, 2.0, 3.0, 4.0, 350.0, 10.0, 0.0025) for i in range(800)]
+    ardupilot_messages["ANG"] = ("Qfffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,Dt", rows)
+    log = read_log(written("a.bin", make_dataflash(ardupilot_messages)))
+    assert log.attitude is not None
+    assert log.reference is not None
+    assert len(log.attitude.time) == len(log.reference.time) == 800
+    assert log.attitude.values[9] == pytest.approx(np.deg2rad([2.0, 4.0, 10.0]))
+    assert log.reference.values[9] == pytest.approx(np.deg2rad([1.0, 3.0, -10.0]))
+
+
 def test_read_log_of_ardupilot_matches_pymavlink(written: Write, ardupilot_log: bytes) -> None:
     path = written("a.bin", ardupilot_log)
     log, theirs = read_log(path), DFReader.DFReader_binary(str(path))
