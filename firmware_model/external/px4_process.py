@@ -73,6 +73,7 @@ _OPERATION = {
     "EKF2_MAG_NOISE": "0.01",  # its least; our compass has a fiftieth
 }
 _PARAMETERS_FILE, _LINKS_FILE = "px4-rc.params", "px4-rc.mavlink"  # PX4's start script looks for these in its path
+_SET, _OWN_LINKS = "param set {name} {value}", f". ${{R}}etc/init.d-posix/{_LINKS_FILE}"  # lines of its shell
 _VARIABLE = "PX4_PARAM_"  # begins the variables that newer start scripts read in place of the file
 _START_SCRIPT = "etc/init.d-posix/rcS"
 _COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
@@ -162,20 +163,25 @@ def write_start_files(
     ExternalError
         If the build has no start script, or one that takes no parameters.
     """
-    if links is not None:
-        (folder / _LINKS_FILE).write_text("\n".join(links) + "\n", encoding="utf-8")
     path = build / _START_SCRIPT
     try:
         script = _COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
     except OSError as error:
         raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{path}: {error.strerror}") from None
+    variables = dict[str, str]()
     if _PARAMETERS_FILE in script:  # it comes last where a script reads both
-        write_parameters(parameters, folder / _PARAMETERS_FILE, "param set {name} {value}")
-        return {}
-    if _VARIABLE not in script:
+        write_parameters(parameters, folder / _PARAMETERS_FILE, _SET)
+    elif _VARIABLE in script:
+        variables = {f"{_VARIABLE}{name}": value for name, value in parameters.items()}
+        # 1.16 reads them before its script sets defaults of its own, and keeps none that was the default before.
+        again = [_SET.format(name=name, value=value) for name, value in parameters.items()]
+        links = [*again, *([_OWN_LINKS] if links is None else links)]
+    else:
         takes = f"takes parameters neither from {_PARAMETERS_FILE} nor from variables {_VARIABLE}…"
         raise ExternalError(ExternalOutcome.WRONG_BUILD, f"{path}: {takes}")
-    return {f"{_VARIABLE}{name}": value for name, value in parameters.items()}
+    if links is not None:
+        (folder / _LINKS_FILE).write_text("\n".join(links) + "\n", encoding="utf-8")
+    return variables
 
 
 def start_px4(

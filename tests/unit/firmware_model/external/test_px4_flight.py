@@ -88,6 +88,7 @@ OF_2026 = """
 env | while IFS='=' read -r line; do
   case $line in "PX4_PARAM_"*) param set "${line#PX4_PARAM_}" ;; esac
 done
+param set-default COM_LOW_BAT_ACT 3
 """
 
 
@@ -112,8 +113,15 @@ def test_parameters_reach_a_start_script_without_a_file(
     told = facts["autopilot"]["read_back"]
     assert (told["MC_PITCHRATE_P"], told["MC_ROLLRATE_P"]) == pytest.approx((0.6, 0.15))
     assert told["MC_ROLL_P"] == 4.0  # the build's own default
-    assert told["COM_RC_IN_MODE"] == 4.0
+    assert (told["COM_RC_IN_MODE"], told["COM_LOW_BAT_ACT"]) == (4.0, 0.0)  # PX4 1.16 has a default of its own later
     assert not (tmp_path / "run" / "px4-rc.params").exists()
+
+
+def test_links_of_its_own_follow_the_parameters(tmp_path: Path) -> None:
+    build = build_with(OF_2026, tmp_path)
+    assert px4_process.write_start_files(build, tmp_path, {"MC_ROLL_P": "4"}, None) == {"PX4_PARAM_MC_ROLL_P": "4"}
+    lines = (tmp_path / "px4-rc.mavlink").read_text().splitlines()
+    assert lines == ["param set MC_ROLL_P 4", ". ${R}etc/init.d-posix/px4-rc.mavlink"]
 
 
 def test_file_is_written_where_the_start_script_reads_it(tmp_path: Path) -> None:
