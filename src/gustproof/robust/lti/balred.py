@@ -10,6 +10,7 @@ from gustproof.errors import DesignError
 from gustproof.robust.lti.balancing import balanced_realization
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti
+from gustproof.robust.shown import Shown
 
 _AXIS = 1e-10
 """[-] distance from the stability boundary, relative to the fastest pole, below which a pole counts as unstable."""
@@ -26,8 +27,8 @@ class Reduction(StrEnum):
     """Weak states are at rest (singular perturbation): the error vanishes at zero frequency."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ReducedSystem:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class ReducedSystem(Shown):
     """A reduced system with its error.
 
     Examples
@@ -54,6 +55,13 @@ class ReducedSystem:
     def order(self) -> int:
         """Number of states left."""
         return self.system.order
+
+    def lines(self) -> list[str]:
+        """Return its order, the error and the first singular values."""
+        values = ", ".join(f"{value:.3g}" for value in self.hankel[:6])
+        more = f" and {len(self.hankel) - 6} more" if len(self.hankel) > 6 else ""
+        error = f"error: {self.error:.4g}, at most {self.bound:.4g}"
+        return [f"ReducedSystem: {self.order} states, {self.kept} of them unstable", error, f"Hankel: {values}{more}"]
 
 
 def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.TRUNCATE) -> ReducedSystem:

@@ -35,6 +35,7 @@ def test_the_example_of_slicots_ab09ad():
     B[1, 0] = B[5, 1] = 12.5
     C[0, 0] = C[1, 3] = C[2, 4] = 1.0
     result = balred(Lti(A=A, B=B, C=C, D=np.zeros((3, 2))), 5)
+    assert str(result).splitlines()[2] == "Hankel: 2.51, 2.08, 1.92, 0.767, 0.547, 0.0253 and 1 more"
     printed = [2.5139, 2.0846, 1.9178, 0.7666, 0.5473, 0.0253, 0.0246]
     np.testing.assert_allclose(result.hankel, printed, atol=5e-5)
     assert result.bound == pytest.approx(2.0 * (0.0253 + 0.0246), abs=2e-4)
