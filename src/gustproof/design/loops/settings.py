@@ -13,7 +13,7 @@ from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 
 _FEW = 4  # names that a remark lists
-_FASTEST = 2000  # [Hz] of loops that are judged
+_FASTEST, _CLOCK_HZ = 2000, 1_000_000  # [Hz] of loops that are judged; of the clock that their samples divide
 _BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
 _NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
 _TINY = 1e-9  # least value of what has no documented one
@@ -93,6 +93,8 @@ class AutopilotLoops(NamedTuple):
     def find_rate(self, parameters: Mapping[str, float]) -> tuple[int, str]:
         """Return the rate [Hz] of the loops by their parameters, and a remark on it.
 
+        Samples are whole microseconds: 300 Hz is taken as 250, the next below.
+
         Raises
         ------
         ConfigError
@@ -104,7 +106,8 @@ class AutopilotLoops(NamedTuple):
             return self.rate_hz, f"{name}: not given, the loops are taken at {self.rate_hz} Hz"
         if not low <= given <= high:
             raise ConfigError(f"{name}: is {given:g}, must be {low:g} to {high:g}")
-        rate = min(round(given), _FASTEST)
+        most = min(round(given), _FASTEST)
+        rate = next(each for each in range(most, 0, -1) if _CLOCK_HZ % each == 0)
         more = f", where {given:g} is given" if rate != given else ""
         return rate, f"{name}: the loops are taken at {rate} Hz{more}"
 

@@ -58,6 +58,7 @@ _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise i
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
+_LEAST_LAG = 0.00025  # [s] that stands for none
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
 _KNOWN_LAG, _FAR_APART = 0.5, 12.0  # of a lag's logarithm, within which it is told; the loss where yaw's own is not
 
@@ -336,7 +337,8 @@ def _lateness(told: list[_Axis], hold: float, *, sampled: float, is_held: bool) 
 
     Commands act for twice `hold` [s], half of which is no delay where they are filled in. What is filled in, between
     commands that are `sampled` [s] apart, is in error, and lag and delay with it. Else, at 0, they may be held, and in
-    our own flights they are: then the nominal delay has nothing of the hold.
+    our own flights they are: then the nominal delay has nothing of the hold. A lag that is not seen is as short as the
+    sum, which is known: more would stand in every loop.
     """
     if not told:
         return [None, None, None]
@@ -348,8 +350,11 @@ def _lateness(told: list[_Axis], hold: float, *, sampled: float, is_held: bool) 
         low, high = min(one.low for one in each), max(one.high for one in each)
         found.append(Interval(low + later * least, each[0].nominal + later * usual, high + later * hold))
     lag, delay, both = found
-    longest = both.high if any(is_prompt(axis.theta) for axis in told) else lag.high
-    return [lag._replace(low=max(lag.low, 0.0), high=max(lag.high, longest)), delay, both]
+    low, nominal, high = max(lag.low, 0.0), lag.nominal, lag.high
+    if any(is_prompt(axis.theta) for axis in told):
+        nominal = min(nominal, max(both.nominal - max(delay.nominal, 0.0), _LEAST_LAG))
+        low, high = min(low, 0.75 * nominal), max(high, both.high)
+    return [Interval(low, nominal, high), delay, both]
 
 
 def _delay(theta: Array) -> Array:
@@ -428,9 +433,7 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
         names = ", ".join(AXES[axis.data.axis] for axis in driven)
         doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
     if any(is_prompt(axis.theta) for axis in told):
-        doubts.append(
-            f"lag: none is seen, as of simulated motors without one: {1e3 * math.exp(lags[0]):.0f} ms stand for it"
-        )
+        doubts.append("lag: none is seen, as of simulated motors without one: what is left of the sum stands for it")
     if coloured := _find_coloured_axes(axes):
         doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
     return doubts

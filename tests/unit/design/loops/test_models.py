@@ -271,6 +271,12 @@ def test_files_that_include_each_other_are_refused(tmp_path: Path) -> None:
     ("kind", "given", "rate", "told"),
     [
         ("ardupilot", {"SCHED_LOOP_RATE": 800.0}, 800, "SCHED_LOOP_RATE: the loops are taken at 800 Hz"),
+        (
+            "ardupilot",
+            {"SCHED_LOOP_RATE": 300.0},
+            250,
+            "SCHED_LOOP_RATE: the loops are taken at 250 Hz, where 300 is given",
+        ),
         ("px4", {"IMU_GYRO_RATEMAX": 1000.0}, 1000, "IMU_GYRO_RATEMAX: the loops are taken at 1000 Hz"),
         ("px4", {"IMU_GYRO_RATEMAX": 8000.0}, 2000, "2000 Hz, where 8000 is given"),
         ("px4", {"IMU_GYRO_RATEMAX": 0.0}, 250, "not given, the loops are taken at 250 Hz"),
