@@ -144,7 +144,7 @@ def flown(gain):
     """Return the log of doublets by PX4's gains on a vehicle of `gain` [rad/s^2 per unit of command]."""
     rng, dt, n = np.random.default_rng(2), 0.004, 12000
     asked = np.radians(10.0) * np.sign(np.sin(np.arange(n)[:, None] * dt * np.array([3.1, 2.3, 1.4])))
-    rate, angle, torque, trim = (np.zeros(3) for _ in range(4))
+    rate, angle, torque, trim, gust = (np.zeros(3) for _ in range(5))
     rates, commands = np.empty((n, 3)), np.empty((n, 3))
     for k in range(n):
         rates[k] = rate + 0.002 * rng.standard_normal(3)
@@ -152,7 +152,8 @@ def flown(gain):
         trim = trim + 3.0 / gain * error * dt
         commands[k] = 8.0 / gain * error + trim
         torque = torque + dt / 0.03 * (commands[k] - torque)
-        rate = rate + dt * (gain * torque - 0.3 * rate + 0.4 * rng.standard_normal(3))
+        gust = gust + dt * (3.0 * rng.standard_normal(3) / np.sqrt(dt) - 2.0 * gust)
+        rate = rate + dt * (gain * torque - 0.3 * rate + gust)
         angle = angle + dt * rate
     time = dt * np.arange(n)
     return FlightLog(
