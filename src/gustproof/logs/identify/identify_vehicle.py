@@ -21,6 +21,7 @@ from gustproof.logs.identify.likelihood import (
     NOISE,
     SHARED,
     AxisData,
+    Fit,
     at_bound,
     is_prompt,
     maximise,
@@ -49,9 +50,7 @@ _LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
-_ALIKE = (
-    0.15  # correlation of prediction errors that follow each other, beyond which means over intervals are no samples
-)
+_ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
@@ -244,12 +243,12 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
     """
     fits = [maximise(data[:2], np.concatenate([near[0], near[1][SHARED:]])), maximise(data[2:], near[2])]
     pooled = maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))
-    draws = [bootstrap(fit) for fit in fits]
-    is_known = not at_bound(fits[1].theta) and float(np.std(draws[1][:, LAG])) < _KNOWN_LAG
-    if pooled.cost - sum(fit.cost for fit in fits) < (_APART if is_known else _FAR_APART):
-        fits, draws = [pooled], [bootstrap(pooled)]
+    loss = pooled.cost - sum(fit.cost for fit in fits)
+    if loss < _APART or (loss < _FAR_APART and not _tells_lag(fits[1])):
+        fits = [pooled]
     axes = []
-    for fit, replicates in zip(fits, draws, strict=True):
+    for fit in fits:
+        replicates = bootstrap(fit)
         for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
             theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)
@@ -259,6 +258,11 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
             )
             axes.append(found)
     return axes
+
+
+def _tells_lag(fit: Fit) -> bool:
+    """Return whether a fit tells lag and delay apart."""
+    return not at_bound(fit.theta) and float(np.std(bootstrap(fit)[:, LAG])) < _KNOWN_LAG
 
 
 def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
