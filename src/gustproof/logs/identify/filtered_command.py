@@ -45,11 +45,12 @@ def _pass_through(signal: LogSignal, filters: list[Biquad], step: float) -> LogS
     time = np.arange(signal.time[0], signal.time[-1] + _FINER * step, step)
     held = np.maximum(np.searchsorted(signal.time, time + 1e-3 * step, side="right") - 1, 0)
     begins = np.minimum(np.searchsorted(time + 1e-3 * step, signal.time), len(time) - 1)
-    columns = [_mean_between(_filter(column[held], filters), begins) for column in signal.values.T]
+    columns = [_mean_between(run_filters(column[held], filters), begins) for column in signal.values.T]
     return LogSignal(time=signal.time, values=np.column_stack(columns))
 
 
-def _filter(values: Array, filters: list[Biquad]) -> Array:
+def run_filters(values: Array, filters: list[Biquad]) -> Array:
+    """Return values (n,) behind filters that are settled at the first."""
     for b0, b1, b2, a1, a2 in filters:
         b, a = (b0, b1, b2), (1.0, a1, a2)
         values = lfilter(b, a, values, zi=lfilter_zi(b, a) * values[0])[0]

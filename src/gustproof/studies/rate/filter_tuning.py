@@ -21,6 +21,7 @@ _LOWERED = 0.75
 """[-] of the least corner, the most at the next try to let less vibration through."""
 _TRIES = 6
 """Tries for each choice of notches."""
+_UNSEEN = "filters: no raw gyro of a log shows the vibration that they let through"
 _LOW_PASS = re.compile(r"IMU_D?GYRO_CUTOFF|INS_GYRO_FILTER|ATC_RAT_\w+_FLTD")
 
 
@@ -51,9 +52,7 @@ def tune_flown(
     search = partial(tune_gains, kind, vehicles, scenario, slew=slew, sensitivity_peak=sensitivity_peak)
     spectrum = None if log is None else gyro_spectrum(log)
     if log is None or spectrum is None or not spectrum.is_raw:
-        return search(
-            flown=now, progress=progress
-        ), "filters: no raw gyro of a log shows the vibration that they let through"
+        return search(flown=now, progress=progress), _UNSEEN
     vehicle, name = vehicles.nominal, AUTOPILOTS[kind].name
     refusal = f"no gains of {name} found that let through as little vibration as in the flight"
     allowed = max(QUIET, *shaking(flown, spectrum, vehicle))

@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
+from firmware_model.config.gyro_filters import gyro_filters
 from gustproof.design.loops.models import AUTOPILOTS
 from gustproof.design.loops.settings import complete
+from gustproof.logs.identify.filtered_command import run_filters
 from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
@@ -104,7 +106,7 @@ def _sample_gyro(log: FlightLog, time: Array, axis: int, corner: float) -> tuple
     fine = np.arange(time[0], time[-1] + dt, dt)
     rate = np.interp(fine, log.gyro.time, log.gyro.values[:, axis])
     if log.is_gyro_raw:
-        rate = _low_pass(rate, log.parameters.get("IMU_GYRO_CUTOFF", log.parameters.get("INS_GYRO_FILTER", 0.0)), dt)
+        rate = run_filters(rate, gyro_filters(log.system, log.parameters, 1.0 / dt))
     slope = _low_pass(np.gradient(rate, dt), corner, dt)
     return np.interp(time, fine, rate), np.interp(time, fine, slope)
 

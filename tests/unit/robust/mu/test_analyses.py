@@ -22,7 +22,9 @@ from gustproof.robust import (
     wcgain,
     wcmargin,
 )
+from gustproof.robust.lti.margins import margins
 from gustproof.robust.lti.state_space import Lti
+from gustproof.robust.mu.singular_value import disk_margin_bounds
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 CUBIC = tf(1, [1, 3, 3, 1])
@@ -94,6 +96,7 @@ def test_units_similarity_and_the_order_of_blocks_change_no_margin():
 
 
 def badly_scaled() -> Lti:
+    """Return the loop L3 of RobustAndOptimalControl.jl, test/test_diskmargin.jl."""
     A = np.eye(5)
     A[0, 2], A[1, 2], A[1, 3], A[3, 4], A[4, 4] = 9.84, 0.01, 2.14634e-6, -1.73983959887, 0.56597684805
     B = np.zeros((5, 3))
@@ -204,6 +207,16 @@ def test_a_disk_margin_says_which_gains_and_phases_it_covers():
     ):
         with pytest.raises(ValueError, match=message):
             wrong()
+
+
+@pytest.mark.slow
+def test_the_disk_margin_of_a_badly_scaled_sampled_loop_is_tight():
+    # .428 is the least D-scaled norm over 400 frequencies
+    L = badly_scaled()
+    lower, upper = disk_margin_bounds(L, accuracy=0.005)
+    assert lower == pytest.approx(0.428, rel=0.03)
+    assert upper == pytest.approx(0.428, rel=0.03)
+    assert lower >= margins(L, ss([], [], [], -np.eye(3), 0.01)).input_disk
 
 
 def test_mu_over_frequency_is_that_of_each_matrix():

@@ -135,24 +135,6 @@ def test_a_triangular_loop_has_the_margin_of_its_diagonal(c):
 
 
 @pytest.mark.slow
-def test_the_disk_margin_of_a_badly_scaled_sampled_loop_is_tight():
-    # RobustAndOptimalControl.jl, test/test_diskmargin.jl, L3; .428 is the least D-scaled norm over 400 frequencies
-    A = np.eye(5)
-    A[0, 2], A[1, 2], A[1, 3], A[3, 4], A[4, 4] = 9.84, 0.01, 2.14634e-6, -1.73983959887, 0.56597684805
-    B = np.zeros((5, 3))
-    B[0, 1:], B[2, 2], B[3:, 1] = (4.901416e-5, 1.9883878e-4), 4.041439e-5, (-0.02004649371, -0.00490141631)
-    C = np.zeros((3, 5))
-    C[0, 1], C[1, 0], C[2, 0], C[2, 2] = -0.83516488404, 186.74725411661, -7.44299057498, 7035.08410814126
-    D = np.zeros((3, 3))
-    D[1:, 0] = 34875.36444283988, 48304.01940122544
-    L = Lti(A=A, B=B, C=C, D=D, dt=0.01)
-    lower, upper = disk_margin_bounds(L, accuracy=0.005)
-    assert lower == pytest.approx(0.428, rel=0.03)
-    assert upper == pytest.approx(0.428, rel=0.03)
-    assert lower >= margins(L, ss([], [], [], -np.eye(3), 0.01)).input_disk
-
-
-@pytest.mark.slow
 def test_the_two_carts_have_the_margin_of_their_worst_corner_and_a_finite_worst_gain():
     # MATLAB, "Robust Stability and Worst-Case Gain of Uncertain System": margin 2.8834 to 2.8864; by roots of the
     # polynomial at the corner (-, -, +) it is 2.8863. The worst gain, at (1, 1, -1), is a closed formula's.

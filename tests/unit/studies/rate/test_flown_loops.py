@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.studies.rate.flown_loops import doubt_flown_gains
@@ -49,7 +50,7 @@ def flown(kind: str, scale: float, *, noise: float = 0.0) -> FlightLog:
     random, n = np.random.default_rng(2), 10_000
     rate, target = (smooth(3.0 * random.standard_normal(n), 2.0) for _ in range(2))
     if kind == "px4":
-        seen = smooth(rate, 6.0)
+        seen = signal.lfilter(*signal.butter(2, 6.0, fs=1.0 / DT), rate)  # as PX4's low-pass
         error = target - seen
         slope = smooth(np.gradient(seen, DT), 20.0)
         command = scale * 1.5 * (0.1 * error + 0.3 * DT * np.cumsum(error) - 0.004 * slope)
