@@ -210,7 +210,7 @@ def _tune_autopilot(
             tuning, filters = tune_flown(
                 start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
             )
-            steps = plan_steps(tuning, start.law, vehicles, script)
+            steps = plan_steps(tuning, start.law, vehicles, script, start.log)
     written = steps[1].tuning if steps else tuning
     if output is not None:
         save_tuning(written, vehicles.nominal, output)
@@ -228,6 +228,6 @@ def _tune_autopilot(
             print(f"{name} {value:g}")
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
     tell_remarks(written.law.name, written.outside_ranges())
-    print(f"predicted: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
+    print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
         print(f"parameters in {output}" + (f": step 1 of {len(steps) - 1}" if steps else ""))

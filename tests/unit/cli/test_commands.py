@@ -136,7 +136,7 @@ def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
     told += "2.10 over the file's spreads"
     result = run("tune", "paper", "--for", "px4")
     next_line = "next: gustproof tune paper --for px4 -o paper.params\n"
-    assert result.stdout == f"MC_ROLL_P 5\npredicted: error 0.0859 deg {told}\n{next_line}"
+    assert result.stdout == f"MC_ROLL_P 5\npredicted in paper-turbulence: error 0.0859 deg {told}\n{next_line}"
     document = json.loads(run("tune", "paper", "--for", "px4", "--json").stdout)
     assert 0.5 * document["true_rmse_deg"] < document["rmse_deg"] < 0.05
 

@@ -8,7 +8,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.types import Vector
 from gustproof.show.report.terminal import Renderable
+from gustproof.studies.rate.flight_error import LEAST_HZ
 from gustproof.studies.rate.tuning_steps import MOST_GAIN, TuningStep
 
 _FEEL = (
@@ -19,12 +21,15 @@ _FEEL = (
 
 def render_steps(steps: Sequence[TuningStep]) -> Renderable:
     """Return the figures of each step, then each parameter now, in the first step and at the end."""
-    figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title="Steps")
+    in_flight = steps[0].flight_rmse is not None
+    title = f"Steps, with the error in this flight above {LEAST_HZ:g} Hz" if in_flight else "Steps"
+    figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title=title)
     for number, step in enumerate(steps):
         tuning, margins = step.tuning, step.margins
         figures.add_row(
             str(number) if number else "now",
-            *(_cell(value) for value in (math.degrees(tuning.rmse), tuning.slew, tuning.Ms, tuning.corner_Ms)),
+            _cells(step.flight_rmse) if step.flight_rmse else _cell(math.degrees(tuning.rmse)),
+            *(_cell(value) for value in (tuning.slew, tuning.Ms, tuning.corner_Ms)),
             *(("-", "-") if margins is None else (_cell(margins.gain_margin), _cell(1e3 * margins.delay_margin))),
         )
     now, first, last = ({**each.parameters, **each.notches} for each in (steps[at].tuning for at in (0, 1, -1)))
@@ -40,6 +45,7 @@ def steps_document(steps: Sequence[TuningStep]) -> list[dict[str, Any]]:
         {
             "parameters": step.tuning.parameters,
             "true_rmse_deg": _finite(math.degrees(step.tuning.rmse)),
+            "flight_rmse_deg": None if step.flight_rmse is None else [math.degrees(each) for each in step.flight_rmse],
             "slew": _finite(step.tuning.slew),
             "Ms": _finite(step.tuning.Ms),
             "Ms_over_spreads": _finite(step.tuning.corner_Ms),
@@ -48,6 +54,11 @@ def steps_document(steps: Sequence[TuningStep]) -> list[dict[str, Any]]:
         }
         for step in steps
     ]
+
+
+def _cells(angles: Vector) -> str:
+    """Return angles [rad] of roll, pitch and yaw in degrees."""
+    return ", ".join(f"{math.degrees(each):.3g}" for each in angles)
 
 
 def _cell(value: float) -> str:

@@ -6,13 +6,16 @@ from dataclasses import dataclass, replace
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.types import Vector
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.law.form import Law
+from gustproof.logs.read.flight_log import FlightLog
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.studies.rate.failure_case import spectral_radius
+from gustproof.studies.rate.flight_error import flight_errors
 from gustproof.studies.rate.judge import MOST_SLEW, scenario_for, whole_slew
 from gustproof.studies.rate.plant_box import plant_box
 
@@ -28,9 +31,13 @@ class TuningStep:
     """Parameters with error, slew and Ms; infinite if a vehicle of the spreads is unstable."""
     margins: LoopMargins | None
     """Worst margins of the axes with the nominal vehicle; `None` as before."""
+    flight_rmse: Vector | None = None
+    """[rad] error of roll, pitch and yaw in the logged flight, measured or with these gains; `None` if not told."""
 
 
-def plan_steps(tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenario: Scenario) -> list[TuningStep]:
+def plan_steps(
+    tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenario: Scenario, log: FlightLog | None = None
+) -> list[TuningStep]:
     """Return the gains that are `flown`, as step 0, and those of each step to a tuning.
 
     Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
@@ -52,7 +59,19 @@ def plan_steps(tuning: AutopilotTuning, flown: Law, vehicles: VehicleSet, scenar
             tuning.kind, {**now, **tuning.notches, **values}, vehicles.nominal, rate_hz=round(1.0 / flown.dt)
         ).law
         steps.append(_assess(tuning, law, values, vehicles, scenario))
-    return steps
+    return steps if log is None else _in_flight(steps, log, vehicles, scenario)
+
+
+def _in_flight(steps: list[TuningStep], log: FlightLog, vehicles: VehicleSet, scenario: Scenario) -> list[TuningStep]:
+    """Return the steps with their error in the flight of a log, if the gains that flew it are stable by the model."""
+    stable = [step for step in steps if step.margins is not None]
+    if steps[0].margins is None:
+        return steps
+    flown, vehicle = steps[0].tuning.law, vehicles.nominal
+    laws = [step.tuning.law for step in stable]
+    errors = flight_errors(log, flown, laws, vehicle, scenario_for(flown, vehicle, scenario))
+    found = dict(zip(map(id, stable), errors, strict=False))
+    return [replace(step, flight_rmse=found.get(id(step))) for step in steps]
 
 
 def _whole_gain(values: Mapping[str, float], name: str) -> float:

@@ -1,0 +1,69 @@
+"""The error that a flight would have had with other gains, held against the same gusts flown with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from firmware_model.numerics.rotations import euler_angles
+from gustproof.design.loops.models import autopilot_law
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.law.form import Law
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.studies.rate.flight_error import flight_errors
+from gustproof.studies.rate.judge import scenario_for
+
+_IRIS = load_vehicle("iris")
+IRIS = replace(_IRIS, gyro=replace(_IRIS.gyro, snr_db=120.0))
+"""Without noise, whose walk moves the true attitude but not the one that an autopilot sees."""
+AIR = replace(load_scenario("paper-turbulence"), duration_s=60.0)
+FIRMER = {"MC_ROLLRATE_K": 1.4, "MC_PITCHRATE_I": 0.5, "MC_YAW_P": 1.5, "IMU_GYRO_CUTOFF": 60.0}
+
+
+def px4(**values: float) -> Law:
+    return autopilot_law("px4", values, IRIS).law
+
+
+def log_flight(law: Law, *, spacing: int = 1, turns: float = 0.0, late: float = 0.0) -> FlightLog:
+    """Return the log of a flight in turbulence, each `spacing`th sample.
+
+    Its yaw is `turns` whole turns from the set-point, which is logged `late` [s] after the attitude.
+    """
+    records = fly_direct(scenario_for(law, IRIS, AIR), law, vehicle=IRIS, seed=3)[::spacing]
+    time, angles = records["time_us"] * 1e-6, euler_angles(records["q_NB"]) + np.array([0.0, 0.0, 2.0 * np.pi * turns])
+    reference = LogSignal(time=time + late, values=np.zeros_like(angles))
+    return FlightLog(
+        source="flight.ulg",
+        system="px4",
+        gyro=LogSignal(time=time, values=records["gyro_B"]),
+        attitude=LogSignal(time=time, values=angles),
+        reference=reference,
+        airborne=((0.0, 60.0),),
+    )
+
+
+@pytest.mark.parametrize("form", [{}, {"spacing": 5, "turns": 1.0, "late": 0.003}])
+def test_another_law_s_error_is_that_of_its_flight_in_the_same_gusts(form: dict[str, float]) -> None:
+    flown, other = px4(), px4(**FIRMER)
+    script = scenario_for(flown, IRIS, AIR)
+    was, there = flight_errors(log_flight(flown, **form), flown, [flown, other], IRIS, script)
+    (measured,) = flight_errors(log_flight(other, **form), other, [other], IRIS, script)
+    np.testing.assert_allclose(there, measured, rtol=0.03)
+    assert not np.any(np.isclose(was, measured, rtol=0.1))
+
+
+def test_the_measured_error_is_the_rms_of_the_flight() -> None:
+    law, log = px4(), log_flight(px4())
+    assert log.attitude is not None
+    (found,) = flight_errors(log, law, [law], IRIS, scenario_for(law, IRIS, AIR))
+    assert all(0.8 < x < 1.02 for x in np.array(found) / np.std(log.attitude.values, axis=0))
+
+
+def test_a_log_that_is_short_slow_or_has_no_set_points_tells_no_error() -> None:
+    law, log = px4(), log_flight(px4())
+    script = scenario_for(law, IRIS, AIR)
+    rare = LogSignal(time=np.arange(0.0, 60.0, 3.0), values=np.zeros((20, 3)))
+    for changed in ({"reference": None}, {"attitude": None}, {"airborne": ((0.0, 15.0),)}, {"reference": rare}):
+        assert flight_errors(replace(log, **changed), law, [law], IRIS, script) == []
