@@ -50,11 +50,12 @@ def make_replay(scenario: Scenario) -> Array:
     time = np.arange(len(table)) * scenario.sample_us * 1e-6
     for item in replays:
         rows = np.array(item.rows)
-        begin, end = item.start_s - _HALF_US, (math.inf if item.stop_s is None else item.stop_s) - _HALF_US
-        acts = (time >= begin) & (time < end)
+        stop = math.inf if item.stop_s is None else item.stop_s - item.start_s
+        since = time - item.start_s
+        acts = (since >= max(rows[0, 0], 0.0) - _HALF_US) & (since < min(stop - _HALF_US, rows[-1, 0] + _HALF_US))
         at = 3 * _target_index(item.frame == "ned", moment=isinstance(item, waveforms.MomentReplay))
         for i in range(3):
-            table[acts, at + i] += np.interp(time[acts] - item.start_s, rows[:, 0], rows[:, 1 + i], left=0.0, right=0.0)
+            table[acts, at + i] += np.interp(since[acts], rows[:, 0], rows[:, 1 + i])
     return table
 
 
