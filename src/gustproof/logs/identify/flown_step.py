@@ -112,8 +112,11 @@ def flown_steps(log: FlightLog) -> tuple[list[FlownStep], list[str]]:
         (Loop.RATE, log.rate_reference, log.gyro),
         (Loop.ATTITUDE, log.reference, log.attitude),
     ):
-        if reference is None or answer is None or len(reference.time) < 2 or len(answer.time) < 2:
-            refused.append(f"{loop.value}: no set-points in this log" if answer else f"{loop.value}: not in this log")
+        if answer is None or len(answer.time) < 2:
+            refused.append(f"{loop.value}: not in this log")
+            continue
+        if reference is None or len(reference.time) < 2:
+            refused.append(f"{loop.value}: no set-points in this log")
             continue
         slow = describe_slow_log(log, {f"{loop.value} set-point": reference, loop.value: answer}, _LEAST_HZ[loop])
         if slow:

@@ -16,9 +16,12 @@ from gustproof.law.cascade import Gains, cascade_law, strapdown_axis
 from gustproof.law.form import Law, Provenance
 from gustproof.logs.identify import identify_vehicle
 from gustproof.logs.identify.curves import Curves
+from gustproof.logs.identify.filtered_command import filter_command
+from gustproof.logs.identify.flown_step import flown_steps
 from gustproof.logs.identify.identification import Interval
 from gustproof.logs.identify.identify_vehicle import _Axis, identify
 from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, HIGHEST_DAMPING, LAG
+from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.read_log import read_log
 from gustproof.types import Array, Records
@@ -322,6 +325,23 @@ def test_logs_without_commands_or_too_short_are_refused(brief):
         identify(replace(brief, command=None))
     with pytest.raises(ConfigError, match="too short"):
         identify(replace(brief, airborne=((1.0, 6.0),)))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_signal_of_less_than_two_samples_is_none(brief, count):
+    few = LogSignal(time=brief.gyro.time[:count], values=brief.gyro.values[:count])
+    log = replace(brief, system="px4", parameters={"IMU_DGYRO_CUTOFF": 30.0, "IMU_GYRO_CUTOFF": 40.0}, command=few)
+    log, short = replace(log, motors=few), replace(brief, airborne=((0.0, 8.0),))
+    with pytest.raises(ConfigError, match="too short" if count == 2 else "neither torque commands nor motor outputs"):
+        identify(log)
+    for few_or_none in ({"rate_reference": few}, {"reference": few}, {"attitude": few}):
+        absent = dict.fromkeys(few_or_none)
+        whole = replace(short, rate_reference=brief.gyro, reference=brief.gyro, attitude=brief.gyro)
+        assert (flown_steps(replace(whole, **few_or_none))[1] == flown_steps(replace(whole, **absent))[1]) is (
+            count < 2
+        )
+    assert (filter_command(log) is log) is (count < 2)
+    assert fill_command(log) is None
 
 
 def test_a_rate_that_never_changes_is_explained_by_nothing():
