@@ -6,7 +6,7 @@ from typing import NamedTuple
 from firmware_model.config.waveforms import Constant, Shear, Wind
 from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import log
-from firmware_model.physics.dryden import FOOT
+from firmware_model.physics.gust_filters import FOOT
 from firmware_model.types import Vector
 
 _MIN_HEIGHT = 3.0 * FOOT  # MIL-F-8785C 3.7.3.2: the profile begins at 3 ft

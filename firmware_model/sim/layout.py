@@ -6,8 +6,8 @@ from firmware_model.numerics.soa import field_offset, offsets
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import AirParams
 from firmware_model.physics.battery import BatteryParams, BatteryState
-from firmware_model.physics.dryden import DrydenParams, DrydenState
 from firmware_model.physics.ground import GroundParams
+from firmware_model.physics.gust_filters import DrydenParams, DrydenState
 from firmware_model.physics.mean_wind import MeanWindParams
 from firmware_model.physics.rigid_body import Body, BodyParams
 from firmware_model.physics.rotors import LossParams

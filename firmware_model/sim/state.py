@@ -23,8 +23,9 @@ from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import air_params
 from firmware_model.physics.battery import BatteryState, battery_params
 from firmware_model.physics.disturbances import make_replay, make_waves
-from firmware_model.physics.dryden import DrydenParams, DrydenState, TransverseParams, dryden_filters, dryden_spectrum
+from firmware_model.physics.dryden import dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
+from firmware_model.physics.gust_filters import DrydenParams, DrydenState, TransverseParams
 from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
 from firmware_model.physics.rotors import ROTOR_ROWS, LossParams, RotorParams, loss_params, rotor_params

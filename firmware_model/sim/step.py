@@ -28,8 +28,9 @@ from firmware_model.physics.actuators import ActuatorParams, apply_actuator_faul
 from firmware_model.physics.aerodynamics import Air, AirParams, ExternalLoads, FreeInputs, FreeParams, StageLoads
 from firmware_model.physics.battery import BatteryParams, BatteryState, step_battery
 from firmware_model.physics.disturbances import Disturbance, disturbance
-from firmware_model.physics.dryden import DrydenParams, DrydenState, dryden_gust, dryden_step, gust_moment
+from firmware_model.physics.dryden import dryden_gust, dryden_step, gust_moment
 from firmware_model.physics.ground import GroundParams, can_touch_ground, ground_wrench
+from firmware_model.physics.gust_filters import DrydenParams, DrydenState
 from firmware_model.physics.mean_wind import MeanWindParams, mean_wind
 from firmware_model.physics.rigid_body import (
     Body,

@@ -16,7 +16,8 @@ import scipy
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import Dryden
-from firmware_model.physics.dryden import DrydenParams, dryden_filters, dryden_spectrum, gust_moment
+from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_moment
+from firmware_model.physics.gust_filters import DrydenParams
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 from gustproof.robust.lti.norms import hinf_norm

@@ -17,8 +17,8 @@ SOURCE = "\n".join(path.read_text(encoding="utf-8") for folder in PACKAGES for p
 MOST_ENTRIES, MOST_WORDS = 40, 28
 PAGES = [Path(__file__).parents[3] / "README.md", *sorted(Path(str(files("gustproof.guide"))).glob("*.md"))]
 KNOWN = """
-BSD CHANGELOG COMPleib CSV DuckDB FTP GPL GPS HIFOO HTML II III JSBSim JSON LGPL LICENSE LPVTools MATLAB MB MIT OSI OSQP
-PDF PGF PNG PSF PX4 README ROS SQLite SVG TCP TOML UAV UDP macOS MAVProxy MAVSDK QGroundControl
+BSD CHANGELOG COMPleib CSV DuckDB FTP GPL GPS HIFOO HTML II III JAX JSBSim JSON LGPL LICENSE LPVTools MATLAB MB MIT OSI
+OSQP PDF PGF PNG PSF PX4 README ROS SQLite SVG TCP TOML UAV UDP macOS MAVProxy MAVSDK QGroundControl
 ANGLE ATTITUDE BRAKE HEARTBEAT HOLD LAND STABILIZED
 """
 """Abbreviations that need no explanation: names of formats, licences, protocols, programs, plants, modes, messages."""

@@ -14,16 +14,8 @@ from firmware_model.config.waveforms import Dryden
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.soa import flatten
-from firmware_model.physics.dryden import (
-    FOOT,
-    DrydenParams,
-    DrydenState,
-    dryden_filters,
-    dryden_gust,
-    dryden_spectrum,
-    dryden_step,
-    gust_moment,
-)
+from firmware_model.physics.dryden import dryden_filters, dryden_gust, dryden_spectrum, dryden_step, gust_moment
+from firmware_model.physics.gust_filters import FOOT, DrydenParams, DrydenState
 
 DRYDEN = Dryden(kind="dryden", wind_speed_20ft_mps=15.0)
 SPAN = 1.0
