@@ -93,9 +93,10 @@ def hover_state(blades: Blades, thrust: float) -> HoverState:
 def rotor_response(blades: Blades, thrust: float) -> RotorResponse:
     """Return the response of one rotor that hovers at a `thrust` [N].
 
-    Air along the axis changes the flow through the disc by 8 i / (16 i + s a) of itself: the induced part gives way,
-    with inflow i and `lift_solidity` s a. A tangential speed v changes it by `follows` v R / r. The force in the
-    plane is the sections' drag and the lift that the inflow leans back, of the advancing blade less the retreating one.
+    Air along the axis changes the flow through the disc by 8 i / (16 i + s a) of itself, with inflow i and
+    `lift_solidity` s a. The rest is induced flow that gives way. A tangential speed v changes it by `follows` v R / r.
+    The force in the plane is the sections' drag, and the lift that the inflow leans back. Both count for the advancing
+    blade less the retreating one.
     """
     (inflow, pitch), size, root = hover_state(blades, thrust), blades.lift_solidity, blades.root
     unit = AIR_DENSITY * math.pi * blades.radius**2 * blades.tip_speed
