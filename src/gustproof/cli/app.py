@@ -35,6 +35,7 @@ from gustproof.cli.reproduce import reproduce
 from gustproof.cli.scenario import scenario
 from gustproof.cli.shipped import WithDefault, add_catalogue
 from gustproof.cli.tune import tune
+from gustproof.cli.wind_limit import wind_limit
 from gustproof.cli.worst_case import worst_case
 from gustproof.version import __version__
 
@@ -128,6 +129,7 @@ PANELS: dict[str, dict[str, tuple[Callable[..., Any] | typer.Typer, str]]] = {
     },
     "How sure": {
         "certify": (_certify, "Prove a gain or a box, or check a certificate."),
+        "wind-limit": (wind_limit, "Find how much wind a vehicle stands."),
         "worst-case": (worst_case, "Search for the most harmful disturbance."),
         "campaign": (_campaign, "Fly one scenario many times."),
     },

@@ -27,6 +27,7 @@ design lpv D2 --angle-rad 0.1 --rate-rad-s 0.5 -o there.json
 certify gain hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5 -o there.json
 certify box flagship --horizon 60 -o there.json
 certify air flagship paper-turbulence -o there.json
+wind-limit iris -o there.html
 worst-case flagship -o there.toml
 worst-case flagship -o new.toml
 worst-case flagship -o other.toml --shrink

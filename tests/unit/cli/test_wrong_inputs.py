@@ -153,6 +153,18 @@ certify air hinf-d1 nowhere
 certify air hinf-d1 paper-turbulence --risk 2
 certify air hinf-d1 paper-turbulence --risk nan
 certify box unstable.json --horizon 10
+wind-limit
+wind-limit nothing
+wind-limit iris --keep drift<3
+wind-limit iris --keep tilt
+wind-limit iris --keep tilt<nan
+wind-limit iris --keep 'tilt<35 m'
+wind-limit iris --keep tilt<35,tilt<30
+wind-limit iris --risk 0
+wind-limit iris --risk nan
+wind-limit iris --workers 0
+wind-limit iris -o x.pdf
+wind-limit iris --law pid-fair
 worst-case
 worst-case nothing
 worst-case hinf-d1 --moment 0,0,0

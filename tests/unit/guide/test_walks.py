@@ -59,6 +59,7 @@ FEWER = (
     (r"--runs 1000", "--runs 20"),
     (r"mc\.parquet:471", "mc.parquet:7"),
     (r"^campaign (?!rerun|.*--runs).*", r"\g<0> --runs 4"),
+    (r"^wind-limit .*", r"\g<0> --risk 0.3"),
     (r"^worst-case .*", r"\g<0> --flights 100 --horizon 2"),
     (r"^league .*", r"\g<0> --runs 1 --scenario gust-2s --vehicle paper"),
     (r"^(reproduce .*pdf.*)", r"\1 --seeds 1"),

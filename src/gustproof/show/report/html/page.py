@@ -43,16 +43,20 @@ def render_page(
     *,
     title: str = "",
     intro: str = "",
+    first: Sequence[ChartGroup] = (),
     loops: Sequence[ChartGroup] = (),
     hidden: Sequence[str] = (),
 ) -> str:
     """Return the page as HTML, with a `title` of its own, an `intro` as HTML, and charts before the laws' own loops.
+
+    The intro is a section `verdict`, which ends with the `first` charts.
 
     Flights whose labels are `hidden` are drawn when their names in the legend are pressed.
     """
     laws, numbers = collect_laws(runs), NumberBlock()
     scenarios = dict.fromkeys(run.scenario.name for run in runs)
     sections = {
+        **({"verdict": numbers.encode_groups(first)} if first else {}),
         "time": numbers.encode_groups(time_histories(runs)),
         "frequency": numbers.encode_groups([*loops, *frequency_charts(laws)]),
         "poles": numbers.encode_groups(pole_charts(laws)),

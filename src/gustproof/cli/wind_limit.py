@@ -1,0 +1,169 @@
+"""The command `gustproof wind-limit`: the wind that a vehicle stands."""
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from firmware_model.errors import ConfigError
+from gustproof.cli.campaign.plan import Workers, describe_start, open_pool
+from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.laws import LAW_HELP, choose_law, on_vehicle
+from gustproof.cli.options import (
+    COMPILING,
+    SEED,
+    AsJson,
+    Force,
+    check_output,
+    complete,
+    in_range,
+    print_again,
+    print_json,
+    print_next,
+    progress,
+)
+
+if TYPE_CHECKING:
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.law.form import Law
+    from gustproof.studies.wind_limit.kept import Kept
+    from gustproof.studies.wind_limit.wind_limit import WindLimit
+
+_LEAST_RISK = 1e-4
+
+
+class _Asked(NamedTuple):
+    """Request of a command line."""
+
+    law: "Law"
+    """Law, or loops as one."""
+    vehicles: "VehicleSet"
+    """Vehicle with its spreads."""
+    base: "Scenario"
+    """Height, rates and delay."""
+    kept: "tuple[Kept, ...]"
+    """Requirements."""
+    risk: float
+    """[-] accepted probability that a minute breaks one."""
+    seed: int
+    """Seed of all draws."""
+    with_map: bool
+    """True if the map of mean wind and turbulence is flown too."""
+
+
+def wind_limit(
+    context: typer.Context,
+    vehicle: Annotated[
+        str, typer.Argument(help="Name of a shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))
+    ],
+    law: Annotated[
+        str | None,
+        typer.Option(
+            help=f"{LAW_HELP} Without it the flagship, tuned for the vehicle.",
+            autocompletion=complete("law"),
+            show_default=False,
+        ),
+    ] = None,
+    keep: Annotated[
+        str, typer.Option(help="What a minute must keep: tilt, error, yaw, rmse [deg], saturated [%].")
+    ] = "tilt<35, saturated<1 %",
+    risk: Annotated[
+        float, typer.Option(callback=in_range(_LEAST_RISK, 0.3), help="Accepted probability that a minute breaks it.")
+    ] = 1e-3,
+    workers: Workers = None,
+    seed: Annotated[int, SEED] = 1,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Write a page here (.html), and the flight at the limit beside it (.toml)."
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find how much wind a vehicle stands, in metres a second at 20 ft.
+
+    In free flight the law tilts into the mean wind and holds its place on average; no position loop flies around it.
+    The turbulence of that wind comes on top (MIL-F-8785C), from the worst direction, over the spreads in the vehicle
+    file. Sequential tests show on which side of the limit a speed is: both ends are right with 95 %. Single 1-cos gusts
+    are searched over directions and lengths, in calm air. Beside them stands the gust that is proved.
+
+        gustproof wind-limit my-quad.toml --law my.params -o limit.html
+
+        gustproof wind-limit iris --keep "error<10, saturated<1 %" --risk 1e-2
+    """
+    from firmware_model.config.scenario import load_scenario
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.flight.routes.flight import check
+    from gustproof.studies.rate.judge import scenario_for
+    from gustproof.studies.wind_limit.kept import parse_keep
+
+    kept = parse_keep(keep)
+    check_output(output, ".html", "a page")
+    flight = None if output is None else output.with_suffix(".toml")
+    check_output(flight, ".toml", "a scenario file")
+    vehicles = load_vehicle_set(vehicle)
+    usual, pool = load_scenario("paper-turbulence"), open_pool(workers)
+    flown = choose_law(law, vehicles, on_vehicle(usual, vehicles.nominal), quiet=as_json)
+    base = scenario_for(flown, vehicles.nominal, usual)
+    check(base, flown, vehicles.nominal)
+    study = _Asked(flown, vehicles, base, kept, risk, seed, with_map=output is not None)
+    found = _search(study, pool, describe_start(workers, f"wind limit of {flown.name}"), quiet=as_json)
+    written = [] if output is None or flight is None else _write(found, vehicles, flown, output, flight)
+    if as_json:
+        print_json({**found.to_dict(), "files": [str(path) for path in written]})
+        return
+    _show(found)
+    print("".join(f"{path} is written\n" for path in written), end="")
+    if output is None:
+        print_again(context, "-o", f"{Path(vehicle).stem}-wind.html")
+    elif flight in written:
+        print_next("fly", flight, *(() if law is None else ("--law", law)), "--vehicle", vehicle)
+
+
+def _search(asked: "_Asked", workers: AbstractContextManager[Any], title: str, *, quiet: bool) -> "WindLimit":
+    """Return the limit, with progress on stderr that begins with a title."""
+    from dataclasses import replace
+
+    from gustproof.flight.routes.batch import is_cold
+    from gustproof.studies.wind_limit.wind_limit import find_wind_limit
+
+    cold = COMPILING * is_cold(replace(asked.base, translation="free"))
+    try:
+        with progress(title + cold, quiet=quiet) as shown, workers as pool:
+            return find_wind_limit(
+                asked.law,
+                asked.vehicles,
+                asked.base,
+                asked.kept,
+                pool,
+                risk=asked.risk,
+                seed=asked.seed,
+                with_map=asked.with_map,
+                progress=shown,
+            )
+    except KeyboardInterrupt:
+        raise exit_with("interrupted; nothing is kept", ExitStatus.INTERRUPTED) from None
+    except ValueError as error:
+        raise ConfigError(f"law '{asked.law.name}': {error}") from None
+
+
+def _write(found: "WindLimit", vehicles: "VehicleSet", law: "Law", output: Path, flight: Path) -> list[Path]:
+    """Write the page, and the flight at the limit if there is one; return the files."""
+    from firmware_model.config.files import write_toml
+    from gustproof.show.report.html.wind_page import write_wind_page
+
+    write_wind_page(found, vehicles.nominal, law, output)
+    if found.scenario is None:
+        return [output]
+    write_toml(found.scenario, flight)
+    return [output, flight]
+
+
+def _show(found: "WindLimit") -> None:
+    from gustproof.show.report.terminal import show
+    from gustproof.show.report.wind_lines import render_wind_limit
+
+    show(render_wind_limit(found))

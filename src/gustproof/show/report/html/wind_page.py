@@ -1,0 +1,93 @@
+"""One HTML file on the wind that a vehicle stands: limit, directions, gusts, map, and flights on both sides of it."""
+
+import math
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from firmware_model.config.files import write_text
+from firmware_model.config.vehicle import Vehicle
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.law.form import Law
+from gustproof.show.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle
+from gustproof.show.report.html.marks import Mark
+from gustproof.show.report.html.markup import render_table
+from gustproof.show.report.html.page import render_page
+from gustproof.show.report.html.runs import ReportRun
+from gustproof.show.report.wind_lines import describe_limit, title
+from gustproof.studies.wind_limit.wind_limit import WindLimit
+from gustproof.version import software_versions
+
+
+def write_wind_page(found: WindLimit, vehicle: Vehicle, law: Law, path: Path) -> None:
+    """Write the page; the same limit gives the same bytes."""
+    run = _fly(found, vehicle, law)
+    page = render_page([run], title=f"Wind limit: {title(found)}", intro=_render_limit(found), first=[*_charts(found)])
+    write_text(path, page)
+
+
+def _fly(found: WindLimit, vehicle: Vehicle, law: Law) -> ReportRun:
+    """Return the flight in the wind just above the limit, or in the strongest that was flown."""
+    scenario = found.shown_flight
+    return ReportRun(
+        scenario=scenario,
+        law=law,
+        vehicle=vehicle,
+        seed=1,
+        records=fly_direct(scenario, law, vehicle=vehicle, seed=1),
+        outcome=FlightOutcome.DONE,
+        message=FlightOutcome.DONE.value,
+        label="in this wind",
+        versions=software_versions(),
+    )
+
+
+def _render_limit(found: WindLimit) -> str:
+    lines = "".join(f"<li>{escape(line)}</li>" for line in describe_limit(found))
+    return f'<section id="verdict"><h2>{escape(title(found))}</h2><ul>{lines}</ul>{_render_map(found)}</section>'
+
+
+def _render_map(found: WindLimit) -> str:
+    """Return the share of failures over mean wind and turbulence as a table, shaded."""
+    if not found.grid:
+        return ""
+    turbulences = sorted({turbulence for _, turbulence, _ in found.grid})
+    means = sorted({mean for mean, _, _ in found.grid})
+    share = {(mean, turbulence): each for mean, turbulence, each in found.grid}
+    rows = [
+        [f"{mean:.1f}", *(_shade(share[mean, turbulence]) for turbulence in turbulences)] for mean in reversed(means)
+    ]
+    head = ["mean wind \\ turbulence [m/s]", *(f"{each:.1f}" for each in turbulences)]
+    note = (
+        "Share of flights that fail, [%], 32 in each cell. Both are wind speeds at 20 ft; the wind's own turbulence is"
+    )
+    return f"<h3>Mean wind against turbulence</h3><p class='note'>{note} on the diagonal.</p>{render_table(head, rows)}"
+
+
+def _shade(share: float) -> str:
+    return f'<span class="heat" style="--shade: var(--c1); --depth: {60.0 * share:.0f}%">{100.0 * share:.0f}</span>'
+
+
+def _charts(found: WindLimit) -> Iterator[ChartGroup]:
+    limit = found.turbulence
+    trials = [(trial.speed, 100.0 * trial.failures / trial.flights) for trial in limit.trials]
+    marks = (Mark(label=f"risk {100.0 * found.risk:g} %", y=100.0 * found.risk),)
+    probability = _chart("flights that fail [%]", "wind at 20 ft [m/s]", trials, marks)
+    loads = [*found.directions, (360.0, found.directions[0][1])]
+    around = _chart("largest figure over its limit [-]", "wind from [deg], the vehicle heads north", loads, ())
+    note = f"Directions are weighed at {found.direction_speed:.3g} m/s, by the median flight."
+    yield ChartGroup(title="Wind", charts=(probability, *((around,) if found.holds_place else ())), note=note)
+    lengths = [(gust.length_s, gust.speed) for gust in found.lengths if math.isfinite(gust.speed)]
+    if lengths:
+        source = found.lengths[0].source
+        least = _chart("least gust that fails [m/s]", "length of the gust [s]", lengths, ())
+        yield ChartGroup(title=f"1-cos gusts from {source}", charts=(least,), note="In calm air, without turbulence.")
+
+
+def _chart(name: str, x_label: str, points: Sequence[tuple[float, float]], marks: tuple[Mark, ...]) -> Chart:
+    x, y = np.array(points).T
+    curve = Curve(label=name, colour=0, x=x, y=y, style=CurveStyle.SOLID)
+    return Chart(title=name, x_label=x_label, kind=ChartKind.LINEAR, curves=(curve,), marks=marks)

@@ -1,0 +1,1 @@
+"""The wind that a vehicle stands with a law: in turbulence, in single gusts, and proved."""

@@ -1,0 +1,60 @@
+"""The search of a speed: both ends are right far more often than not, whatever the tail of the failures is."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from gustproof.studies.wind_limit.speed_search import SpeedLimit, find_speed_limit, scout_speed
+
+Tail = Callable[[float], float]
+TAILS: dict[str, Tail] = {
+    "normal": lambda z: float(norm.cdf(z)),
+    "logistic": lambda z: 1.0 / (1.0 + math.exp(min(-1.7 * z, 700.0))),
+    "gumbel": lambda z: 1.0 - math.exp(-math.exp(min(z, 50.0))),
+}
+
+
+def search(tail: Tail, median: float, spread: float, risk: float, random: np.random.Generator) -> SpeedLimit:
+    def fails(speed: float, _first: int, count: int) -> int:
+        return int(random.binomial(count, tail(math.log(speed / median) / spread)))
+
+    return find_speed_limit(fails, risk=risk, least=0.5, most=40.0)
+
+
+@pytest.mark.parametrize("tail", TAILS)
+def test_both_ends_are_right_whatever_the_tail(tail: str) -> None:
+    random, wrong, enclosed = np.random.default_rng(11), 0, 0
+    for _ in range(60):
+        median, spread, risk = random.uniform(3.0, 30.0), random.uniform(0.02, 0.35), 10.0 ** random.uniform(-3.0, -1.0)
+        found = search(TAILS[tail], median, spread, risk, random)
+        low, high = found.low or 1e-9, found.high or 1e9
+        wrong += not TAILS[tail](math.log(low / median) / spread) < risk < TAILS[tail](math.log(high / median) / spread)
+        enclosed += low > 1e-9 and high < 1e9
+        assert found.flights < 34_000
+        assert math.isnan(found.best) or low <= found.best <= high
+    assert wrong <= 3  # 5 % of 60
+    assert enclosed >= 54
+
+
+def test_a_risk_just_at_a_tested_speed_is_claimed_on_neither_side_too_often() -> None:
+    random, wrong = np.random.default_rng(5), 0
+    for _ in range(100):  # flat: each test sees the risk itself, a little above it
+        found = find_speed_limit(
+            lambda _speed, _first, count: int(random.binomial(count, 0.0203)), risk=0.02, least=0.5, most=40.0
+        )
+        wrong += found.low is not None
+    assert wrong <= 5
+
+
+def test_a_limit_that_is_not_there_is_said() -> None:
+    never = find_speed_limit(lambda *_: 0, risk=1e-2, least=0.5, most=40.0)
+    assert (never.low, never.high, math.isnan(never.best)) == (40.0, None, True)
+    always = find_speed_limit(lambda _speed, _first, count: count, risk=1e-2, least=0.5, most=40.0)
+    assert (always.low, always.high) == (None, 0.5)
+
+
+def test_scouting_ends_a_little_below_the_middle() -> None:
+    assert 9.0 < scout_speed(lambda speed, _first, count: count * (speed > 10.3), least=0.5, most=40.0) <= 10.3

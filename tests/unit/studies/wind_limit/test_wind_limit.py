@@ -1,0 +1,111 @@
+"""The wind that a vehicle stands: shown again by plain flights, said where there is none, never above a proof."""
+
+import json
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
+from gustproof.design.loops.models import autopilot_law
+from gustproof.flight.routes.batch import Case, make_batch_simulator
+from gustproof.law.form import Law, load_law
+from gustproof.show.report.html.wind_page import write_wind_page
+from gustproof.show.report.wind_lines import describe_limit
+from gustproof.studies.campaign.plan import Campaign, select_spreads, usual_dispersions
+from gustproof.studies.wind_limit.kept import parse_keep, shares
+from gustproof.studies.wind_limit.wind_flight import gust_scenario, wind_scenario
+from gustproof.studies.wind_limit.wind_limit import WindLimit, find_wind_limit, fly_shares
+
+AIR, RISK = load_scenario("paper-turbulence"), 0.2
+KEEP = "error<0.35, saturated<1 %"
+
+
+class Pool(ThreadPoolExecutor):
+    """One worker in this process."""
+
+    death_errors = ()
+    max_pending = 2
+
+
+def limit_of(law: Law, vehicles: VehicleSet, keep: str, **options: bool) -> WindLimit:
+    with Pool(1) as pool:
+        return find_wind_limit(law, vehicles, AIR, parse_keep(keep), pool, risk=RISK, seed=1, **options)
+
+
+@cache
+def found() -> WindLimit:
+    return limit_of(load_law("flagship"), load_vehicle_set("paper"), KEEP, with_map=True)
+
+
+def test_other_flights_agree_with_both_ends() -> None:
+    limit, vehicle, kept = found().turbulence, load_vehicle_set("paper").nominal, parse_keep(KEEP)
+    assert limit.low is not None
+    assert limit.high is not None
+    for speed, is_within in ((limit.low, True), (limit.high, False)):
+        script = wind_scenario(AIR, vehicle, kept, mean=speed, turbulence=speed, from_deg=found().from_deg)
+        assert script is not None
+        cases = [Case(vehicle=vehicle, seed=10_000 + number) for number in range(256)]
+        failed = np.mean(
+            [max(shares(kept, each)) > 1.0 for each in make_batch_simulator(script, load_law("flagship"))(cases)]
+        )
+        assert bool(failed < RISK) is is_within
+
+
+def test_a_gust_just_below_the_least_holds_and_the_proof_is_below_it() -> None:
+    worst, kept, vehicle = found().worst_gust, parse_keep(KEEP), load_vehicle_set("paper").nominal
+    assert math.isfinite(worst.speed)
+    bearing = {"the front": 0.0, "the right": 90.0, "the back": 180.0, "the left": 270.0}.get(worst.source)
+    for scale, is_kept in ((worst.speed - 0.06, True), (worst.speed, False)):
+        toward = (0.0, 0.0, 1.0 if worst.source == "above" else -1.0)
+        if bearing is not None:
+            toward = (-math.cos(math.radians(bearing)), -math.sin(math.radians(bearing)), 0.0)
+        script = gust_scenario(AIR, kept, length_s=worst.length_s, direction=toward)
+        (flown,) = make_batch_simulator(script, load_law("flagship"))([Case(vehicle=vehicle, seed=1, gust_scale=scale)])
+        assert (max(shares(kept, flown)) <= 1.0) is is_kept
+    assert 0.0 < found().proved.speed < worst.speed
+    assert found().proved.attitude_deg <= 0.35
+
+
+def test_the_map_is_monotone_to_its_counts_and_the_page_holds_it(tmp_path) -> None:
+    share = {(mean, turbulence): each for mean, turbulence, each in found().grid}
+    means, turbulences = (sorted({key[i] for key in share}) for i in (0, 1))
+    for turbulence in turbulences:
+        row = [share[mean, turbulence] for mean in means]
+        assert all(after >= before - 0.2 for before, after in pairwise(row))
+    write_wind_page(found(), load_vehicle_set("paper").nominal, load_law("flagship"), tmp_path / "limit.html")
+    text = (tmp_path / "limit.html").read_text(encoding="utf-8")
+    assert "Mean wind against turbulence" in text
+    assert all(line.replace("'", "&#x27;").replace("<", "&lt;") in text for line in describe_limit(found()))
+
+
+def test_the_same_flights_are_flown_whatever_the_batches() -> None:
+    vehicles = load_vehicle_set("iris")
+    spreads = select_spreads(vehicles, AIR, usual_dispersions(vehicles), gust=0.1, attitude_deg=0.0)
+    kept, law = parse_keep("tilt<35"), autopilot_law("px4", {}, vehicles.nominal).law
+    script = wind_scenario(AIR, vehicles.nominal, kept, mean=4.0, turbulence=4.0, from_deg=0.0)
+    assert script is not None
+    metadata = json.dumps(
+        Campaign(scenario=script, laws=(law,), vehicles=vehicles, spreads=spreads, cases=100).metadata()
+    )
+    whole = fly_shares(metadata, kept, 0, 40)
+    np.testing.assert_array_equal(whole[7:39], fly_shares(metadata, kept, 7, 32))
+    assert len(np.unique(whole)) == 40
+
+
+def test_without_set_points_it_flies_in_turbulence_alone_and_says_that_no_limit_is_found() -> None:
+    limit = limit_of(load_law("hinf-d2"), load_vehicle_set("paper"), "tilt<80")
+    assert not limit.holds_place
+    assert limit.turbulence.low == 40.0
+    lines = list(describe_limit(limit))
+    assert lines[0].startswith("wind: none found: it stands 40 m/s")
+    assert "carried along" in lines[1]
+
+
+def test_calm_air_that_is_too_much_is_said() -> None:
+    lines = [*describe_limit(replace(found(), turbulence=replace(found().turbulence, low=None, high=0.5)))]
+    assert lines[0].startswith("wind: it does not stand even 0.5 m/s")
