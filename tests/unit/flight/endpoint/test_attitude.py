@@ -114,3 +114,17 @@ def test_samples_that_are_missing_are_bridged():
     for step_s, rate in ((0.0, 0.1), (0.5, 0.3), (100.0, 0.3)):
         attitude.add((0.0, 0.0, rate), step_s)
     assert math.isclose(attitude.angles[2], 0.5 * 0.2 + 1.0 * 0.3, rel_tol=0.01)
+
+
+@AXES
+@pytest.mark.parametrize("known", [NO_EARTH, (1e-4, -2e-4, 3e-4), None])
+def test_pull_is_that_of_its_formula(axis, known):
+    for error in np.radians(
+        (-20.0, -3.0, -1.05, -0.95, -0.31, -0.29, 0.0, 0.05, 0.29, 0.31, 0.95, 1.05, 5.0, 6.8, 20.0)
+    ):
+        attitude, told = SlowAttitude((0.0, 0.0, 0.0)), [error * (each == axis) for each in range(3)]
+        attitude.correct((told[0], told[1], told[2]), known, DT)
+        away, wander = 2.0 * math.sin(0.5 * error), math.radians((0.3, 0.3, 1.0)[axis])
+        within, pulls = np.clip(away, -wander, wander), (10.0, 10.0, 200.0) if known is None else (200.0,) * 3
+        rate = within / pulls[axis] + np.clip(away - within, -0.1, 0.1) - (known or NO_EARTH)[axis]
+        assert attitude.angles[axis] == pytest.approx(DT * rate, rel=1e-4, abs=1e-9)

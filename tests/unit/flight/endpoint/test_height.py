@@ -48,3 +48,18 @@ def test_thrust_keeps_room_for_the_attitude():
     loop.thrust(0, -10.0, 0.0)
     assert loop.thrust(20, 90.0, 50.0) == 0.75
     assert loop.thrust(40, -90.0, -50.0) == 0.25
+
+
+@pytest.mark.parametrize("hover", [0.3, 0.5, 0.9])
+def test_thrust_is_that_of_its_formula(hover):
+    random, loop, integral, before = np.random.default_rng(1), HeightLoop(hover), 0.0, 0
+    loop.thrust(0, -10.0, 0.0)
+    for k in range(400):
+        time = 20 * k + int(random.integers(-30, 400))  # some late, some behind the last, some after a silence
+        down, v_down = -10.0 + random.normal(), random.normal() * (0.2 if k % 200 < 100 else 3.0)
+        step_s = np.clip(1e-3 * (time - before), 0.0, 0.2)
+        error = np.clip(1.5 * (down + 10.0), -1.0, 1.0) + v_down
+        integral = np.clip(integral + 1.5 * error * step_s / 9.80665, -0.4, 0.4)
+        share = np.clip(1.0 + 3.0 * error / 9.80665 + integral, 0.5, 1.5)
+        assert loop.thrust(time, down, v_down) == pytest.approx(min(hover * share, 1.0), abs=1e-12)
+        before = time

@@ -26,6 +26,22 @@ def test_stretches_end_at_long_gaps_of_either_signal():
     assert find_stretches(flown, command) == [pytest.approx((3.5, 6.5))]
 
 
+@pytest.mark.parametrize(("dt", "longest"), [(0.002, 0.1), (0.05, 0.15)])
+def test_a_gap_is_long_beyond_a_tenth_of_a_second_and_three_samples(dt, longest):
+    for gap in (0.97 * longest, 1.03 * longest):
+        time = np.concatenate([np.arange(0.0, 10.0, dt), np.arange(10.0 - dt + gap, 20.0, dt)])
+        gyro = LogSignal(time=time, values=np.zeros((len(time), 3)))
+        spans = find_stretches(FlightLog(source="x", system="csv", gyro=gyro), gyro)
+        assert len(spans) == 1 + (gap > longest)
+
+
+@pytest.mark.parametrize(("flown", "used"), [(1.99, 0), (2.0, 1)])
+def test_a_stretch_of_two_seconds_beside_the_ground_is_used(flown, used):
+    gyro = _signal(0.0, 30.0, 0.002)
+    log = FlightLog(source="x", system="csv", gyro=gyro, airborne=((4.0, 7.0 + flown),))
+    assert len(find_stretches(log, gyro)) == used
+
+
 def test_every_third_piece_is_held_out_across_spans():
     learnt, rest = hold_out([(0.0, 30.0), (100.0, 160.0)])
     assert learnt == [pytest.approx(span) for span in ((0.0, 20.0), (100.0, 120.0), (130.0, 150.0))]
@@ -47,6 +63,8 @@ def test_bins_average_what_is_there_and_lost_commands_are_filled():
     stretch = cut_stretch(gyro, command, 0.0, 5.0)
     assert stretch.rate[:, 0] == pytest.approx(stretch.time, abs=1e-9)
     assert stretch.count.sum() == len(stretch.gyro_time)
+    assert np.median(stretch.count) == 4.0  # of 4 ms
+    assert stretch.gyro_time[0] == pytest.approx(0.35)  # the actuators' state is unknown before
     assert np.diff(stretch.command_time) == pytest.approx(np.full(len(stretch.command_time) - 1, 0.004))
     assert stretch.command[:, 0] == pytest.approx(stretch.command_time)
 

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gustproof.logs.read.assemble import Draft, Rows, assemble, euler_angles
+from gustproof.logs.read.assemble import Draft, Rows, assemble, euler_angles, fastest
 
 
 def rows(time_s: np.ndarray, values: np.ndarray, position: np.ndarray | None = None) -> Rows:
@@ -19,6 +21,13 @@ def findings(log_draft: Draft, word: str) -> list[str]:
 
 
 TIME = np.arange(2000) * 0.002
+BESIDE = pytest.mark.parametrize(("times", "beyond"), [(0.96, False), (1.04, True)])
+"""A share of a threshold, and whether it is beyond."""
+LARGEST = {
+    **{"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.0},
+    **{"attitude": 10.0, "reference": 10.0, "rate_reference": 100.0},
+}
+LEAST_SPIKE = {"gyro": 1.0, "command": 0.2, "motors": 0.2, "accelerometer": 20.0}
 
 
 def test_assemble_starts_the_clock_at_the_first_sample_of_any_signal() -> None:
@@ -170,3 +179,72 @@ def test_assemble_without_a_motor_in_use_has_no_motors() -> None:
 def test_assemble_refuses_a_vector_of_two() -> None:
     with pytest.raises(ValueError, match="gyro has 2 components, must have 3"):
         assemble(draft(TIME, gyro=np.zeros((2000, 2))))
+
+
+def count(name: str, values: np.ndarray) -> int:
+    """Return how many of a signal's samples are kept."""
+    signals = {name: rows(TIME, values)}
+    log = assemble(replace(draft(TIME), rows={**draft(TIME).rows, **signals}))
+    return len(getattr(log, name).time)
+
+
+@BESIDE
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("name", LARGEST)
+def test_what_is_beyond_any_instrument_is_left_out(name, sign, times, beyond):
+    values = np.zeros((2000, 3))
+    values[700:703, 1] = sign * times * LARGEST[name]  # three in a row do not stand out alone
+    assert count(name, values) == 2000 - 3 * beyond
+
+
+@BESIDE
+@pytest.mark.parametrize("slope", [1e-6, 1.0])
+@pytest.mark.parametrize("name", LEAST_SPIKE)
+def test_a_lone_spike_is_one_beyond_twenty_steps_and_its_least(name, slope, times, beyond):
+    step = slope * LEAST_SPIKE[name]
+    values = np.abs(np.arange(2000) % 40 - 20.0)[:, None] * np.array([step, 0.0, 0.0])
+    values[700, 0] += step + times * max(20.0 * step, LEAST_SPIKE[name])
+    assert count(name, values) == 2000 - beyond
+
+
+@pytest.mark.parametrize("before", [15, 16])
+def test_a_clock_is_set_anew_if_sixteen_samples_are_of_another(before):
+    clock = np.concatenate([TIME[:before] + 90.0, TIME])
+    assert len(findings(draft(clock), "set anew")) == (before == 16)
+
+
+@BESIDE
+def test_of_nearly_equal_rates_the_first_source_counts(times, beyond):
+    slow, fast = (rows(TIME / each, np.zeros(2000)) for each in (0.8 * times, 1.0))
+    assert fastest([slow, fast]) is (slow if beyond else fast)
+
+
+@BESIDE
+def test_findings_begin_at_their_thresholds(times, beyond):
+    time = np.where(np.arange(2000) < 700, TIME, TIME + 0.002 * (1.5 * times - 1.0))
+    assert bool(findings(draft(time), "gaps")) is beyond
+    slow = np.arange(400) * 0.01 / (2.0 - times)  # [s] of 96 and 104 Hz
+    assert bool(findings(draft(slow), "identification needs 100 Hz")) is beyond
+    gyro = np.random.default_rng(1).uniform(-1.0, 1.0, (2000, 3))
+    gyro[700:703, 1] = 3.0 * times
+    assert bool(findings(draft(TIME, gyro), "clipped at its range")) is beyond
+    gyro[702, 1] -= 0.01  # two in a row may be chance
+    assert not findings(draft(TIME, gyro), "clipped at its range")
+
+
+@BESIDE
+def test_motors_fly_beyond_a_quarter_of_their_usual_command(times, beyond):
+    motors = np.where(np.arange(2000) < 1000, 0.25 * times, 1.0)
+    begin = assemble(draft(TIME, motors=rows(TIME, motors))).airborne[0][0]
+    assert begin == pytest.approx(0.0 if beyond else 2.0)
+
+
+@BESIDE
+def test_a_state_whose_stamp_strayed_has_that_of_the_gyro(times, beyond):
+    told = draft(TIME)
+    told.in_air = Rows(
+        position=np.array([0, 1000]),
+        time_us=np.array([0.0, TIME[1000] * 1e6 - times * 1e6]),
+        values=np.array([[0.0], [1.0]]),
+    )
+    assert assemble(told).airborne[0][0] == pytest.approx(TIME[1000] if beyond else TIME[1000] - times, abs=0.005)

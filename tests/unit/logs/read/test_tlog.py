@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
 from gustproof.logs.read import tlog
+from gustproof.logs.read.assemble import Rows
 from gustproof.logs.read.flight_log import CommandUnit
 from gustproof.logs.read.read_log import read_log
 
@@ -154,3 +155,12 @@ def test_read_log_of_telemetry_refuses_what_is_none(
 @pytest.mark.slow
 def test_read_log_of_mutated_telemetry(check_mutations: Callable[..., None], station: Station) -> None:
     check_mutations("flight.tlog", station.content)
+
+
+@pytest.mark.parametrize(
+    ("late_us", "same"), [(48_000.0, True), (-48_000.0, True), (52_000.0, False), (-52_000.0, False)]
+)
+def test_clocks_that_differ_by_less_than_arrivals_do_are_one(late_us: float, same: bool) -> None:
+    of = Rows(position=np.arange(9), time_us=1e4 * np.arange(9.0), values=np.zeros((9, 3)))
+    found = tlog._Samples(of, of.time_us + 3e6 + late_us).on_clock(3e6)
+    assert np.array_equal(found.time_us, of.time_us if same else of.time_us + late_us)
