@@ -26,6 +26,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "scenario",
         "prove",
         "campaign",
+        "wind",
         "league",
         "export",
         "figures",

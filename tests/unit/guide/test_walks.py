@@ -51,7 +51,7 @@ GUIDE = Path(str(files("gustproof.guide")))
 README = Path(__file__).parents[3] / "README.md"
 WALKED_BESIDE = ("tutorial", "vehicle")
 PAGES = (
-    "log", "px4", "ardupilot", "theory", "scenario", "commands", "campaign", "league", "prove", "controllers",
+    "log", "px4", "ardupilot", "theory", "scenario", "commands", "campaign", "wind", "league", "prove", "controllers",
     "protocol", "figures", "export", "matlab", "autopilots", "outside", "ground-station", "viewers", "install",
     "README", "tutorial", "vehicle",
 )  # fmt: skip
