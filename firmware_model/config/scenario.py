@@ -14,7 +14,7 @@ from firmware_model.config.files import Name, list_shipped, read_toml, shipped_p
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import AXES, Metric, Requirement
 from firmware_model.config.vehicle import ON_BOARD, Vehicle
-from firmware_model.config.waveforms import DRYDEN_CEILING_M, Dryden, Moment, Shear, Wind
+from firmware_model.config.waveforms import DRYDEN_CEILING_M, Moment, RandomGusts, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 from firmware_model.errors import ConfigError
 
@@ -139,14 +139,15 @@ class Scenario:
     @model_validator(mode="after")
     def _check_single_tables(self) -> Self:
         for kind, reason in (
-            (Dryden, "wind: at most one 'dryden', a second one would not be independent of it"),
+            (RandomGusts, "wind: at most one 'dryden' or 'von_karman', a second one would not be independent of it"),
             (Shear, "wind: at most one 'shear', there is one ground"),
             (events.ControllerKill, "event: at most one 'controller_killed', there is one spare controller"),
         ):
             if sum(isinstance(item, kind) for item in (*self.wind, *self.event)) > 1:
                 raise ValueError(reason)
-        if self.altitude_m > DRYDEN_CEILING_M and any(isinstance(item, Dryden) for item in self.wind):
-            model = f"'dryden' is the low-altitude model, valid to {DRYDEN_CEILING_M} m (1000 ft)"
+        turbulence = next((item for item in self.wind if isinstance(item, RandomGusts)), None)
+        if self.altitude_m > DRYDEN_CEILING_M and turbulence:
+            model = f"'{turbulence.kind}' is the low-altitude model, valid to {DRYDEN_CEILING_M} m (1000 ft)"
             raise ValueError(f"altitude_m: {model}, not at {self.altitude_m:g} m")
         return self
 

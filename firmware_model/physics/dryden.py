@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts
 from firmware_model.numerics.compiled import kernel
 from firmware_model.physics import gust_filters
 from firmware_model.physics.gust_filters import DrydenParams, DrydenSpectrum, low_altitude_spectrum, make_filters
@@ -15,7 +15,7 @@ kernel(gust_filters.transverse_step)
 dryden_step, dryden_gust = kernel(gust_filters.dryden_step), kernel(gust_filters.dryden_gust)
 
 
-def dryden_spectrum(dryden: Dryden, altitude: float, span: float) -> DrydenSpectrum:
+def dryden_spectrum(dryden: RandomGusts, altitude: float, span: float) -> DrydenSpectrum:
     """Return intensities and lengths at `altitude` [m], for a `span` [m], of a scenario's turbulence."""
     handbook = dryden.specification == "MIL-HDBK-1797"
     return low_altitude_spectrum(dryden.wind_speed_20ft, altitude, span, dryden.airspeed, handbook=handbook)

@@ -154,8 +154,8 @@ def make_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dryd
     v, v_factor = _transverse(spectrum.sigma_v, spectrum.transverse * spectrum.L_v / V, 3.0 * span / (math.pi * V), dt)
     w, w_factor = _transverse(spectrum.sigma_w, spectrum.transverse * spectrum.L_w / V, 4.0 * span / (math.pi * V), dt)
     # A gust field w(x) turns the air nose down where w grows ahead: q_gust = -dw/dx, and r_gust = +dv/dx.
-    u = _first_order(spectrum.sigma_u, spectrum.L_u / V, dt)
-    p = _first_order(spectrum.sigma_p, 4.0 * span / (math.pi * V), dt)
+    u = first_order(spectrum.sigma_u, spectrum.L_u / V, dt)
+    p = first_order(spectrum.sigma_p, 4.0 * span / (math.pi * V), dt)
     v_r = TransverseParams._make((*v, math.pi / (3.0 * span)))
     w_q = TransverseParams._make((*w, -math.pi / (4.0 * span)))
     blocks = ((0, ((spectrum.sigma_u,),)), (1, v_factor), (4, w_factor), (7, ((spectrum.sigma_p,),)))
@@ -166,7 +166,7 @@ def make_filters(spectrum: DrydenSpectrum, span: float, dt: float) -> tuple[Dryd
     return DrydenParams(*u, *p, v_r, w_q), tuple(map(tuple, factor))
 
 
-def _first_order(sigma: float, tau: float, dt: float) -> tuple[float, float]:
+def first_order(sigma: float, tau: float, dt: float) -> tuple[float, float]:
     """Return a and b of the filter of u or p, sigma sqrt(2 tau) / (1 + tau s)."""
     with localcontext(prec=DIGITS):
         steps = Decimal(dt) / Decimal(tau)
@@ -207,16 +207,16 @@ def _transverse(sigma: float, tau: float, lag: float, dt: float) -> tuple[tuple[
             [P[i][j] - sum(A[i][k] * P[k][n] * A[j][n] for k in range(3) for n in range(3)) for j in range(3)]
             for i in range(3)
         ]
-        lower = [M[i][j] for M in (A, _factorize(Q)) for i in range(3) for j in range(i + 1)]
-        return tuple(map(float, (*lower, c1, c2))), tuple(tuple(map(float, row)) for row in _factorize(P))
+        lower = [M[i][j] for M in (A, factorize(Q)) for i in range(3) for j in range(i + 1)]
+        return tuple(map(float, (*lower, c1, c2))), tuple(tuple(map(float, row)) for row in factorize(P))
 
 
-def _factorize(Q: Sequence[Sequence[Decimal]]) -> list[list[Decimal]]:
-    """Return Cholesky's lower-triangular B with `B B^T = Q`; the last pivot may be 0 to rounding."""
-    B = [[Decimal(0)] * 3 for _ in range(3)]
-    for i in range(3):
+def factorize(Q: Sequence[Sequence[Decimal]]) -> list[list[Decimal]]:
+    """Return Cholesky's lower-triangular B with `B B^T = Q`; a pivot may be 0, to rounding."""
+    B = [[Decimal(0)] * len(Q) for _ in Q]
+    for i in range(len(Q)):
         for j in range(i):
-            B[i][j] = (Q[i][j] - sum(B[i][k] * B[j][k] for k in range(j))) / B[j][j]
+            B[i][j] = (Q[i][j] - sum(B[i][k] * B[j][k] for k in range(j))) / B[j][j] if B[j][j] else Decimal(0)
         B[i][i] = max(Q[i][i] - sum(B[i][k] ** 2 for k in range(i)), Decimal(0)).sqrt()
     return B
 

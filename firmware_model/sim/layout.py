@@ -12,6 +12,7 @@ from firmware_model.physics.mean_wind import MeanWindParams
 from firmware_model.physics.rigid_body import Body, BodyParams
 from firmware_model.physics.rotors import LossParams
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
+from firmware_model.physics.von_karman import KarmanParams, KarmanState
 
 # Constants: the offset of each NamedTuple, then single numbers, then as many RotorParams as there are rotors.
 (
@@ -27,6 +28,7 @@ from firmware_model.physics.sensors import AccelerometerParams, GyroParams
     ACTUATORS,
     ACCELEROMETER,
     BATTERY,
+    VON_KARMAN,
     _SINGLE,
 ) = offsets(
     [
@@ -42,11 +44,14 @@ from firmware_model.physics.sensors import AccelerometerParams, GyroParams
         ActuatorParams,
         AccelerometerParams,
         BatteryParams,
+        KarmanParams,
     ]
 )
 FREE, STEPS, GUST_SCALE, WEIGHT, TOTAL_THRUST, ROTOR_COUNT, ROTORS = range(_SINGLE, _SINGLE + 7)
 
 # State, in the same form.
-X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_LOAD = offsets([Body, DrydenState, StabilizerState, PositionState])
+X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_VON_KARMAN, X_LOAD = offsets(
+    [Body, DrydenState, StabilizerState, PositionState, KarmanState]
+)
 X_DIRECT, X_NEXT_CHANGE, X_BATTERY = X_LOAD + 1, X_LOAD + 4, X_LOAD + 5
 X_SAG = X_BATTERY + field_offset(BatteryState, "sag")

@@ -12,7 +12,7 @@ from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_p
 from firmware_model.autopilot.position_loop import initial_position_state, position_params
 from firmware_model.config.scenario import NoiseRotation, Scenario
 from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts, VonKarman
 from firmware_model.exact import sin_cos
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import mixed_normals
@@ -25,11 +25,21 @@ from firmware_model.physics.battery import BatteryState, battery_params
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.physics.dryden import dryden_filters, dryden_spectrum
 from firmware_model.physics.ground import GroundParams, ground_params, standing_height
-from firmware_model.physics.gust_filters import DrydenParams, DrydenState, TransverseParams
+from firmware_model.physics.gust_filters import DrydenParams, DrydenState
 from firmware_model.physics.mean_wind import mean_wind_params
 from firmware_model.physics.rigid_body import Body, body_params
 from firmware_model.physics.rotors import ROTOR_ROWS, LossParams, RotorParams, loss_params, rotor_params
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams
+from firmware_model.physics.von_karman import (
+    CALM,
+    NO_KARMAN,
+    SHOWN,
+    STILL,
+    KarmanParams,
+    KarmanState,
+    karman_filters,
+    show_gust,
+)
 from firmware_model.sim.fault_schedule import ChangingVehicle, fault_schedule, initial_plant
 from firmware_model.sim.layout import ACTUATORS, BODY, GROUND, GUST_SCALE, GYRO, LOSS, POSITION, ROTORS, STABILIZER
 from firmware_model.types import Quaternion, Vector
@@ -85,6 +95,13 @@ class SimState:
         self.params[POSITION:LOSS] = position_params(self.vehicle, gains, self.dt)
 
 
+class _Turbulence(NamedTuple):
+    dryden: DrydenParams
+    dryden_state: DrydenState
+    karman: KarmanParams
+    karman_state: KarmanState
+
+
 def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> SimState:
     """Return a vehicle at rest in the scenario's attitude and height, in trimmed hover, in stationary turbulence.
 
@@ -132,8 +149,7 @@ def initial_vehicle_state(
         If the seed is not in [0, 2^32).
     """
     mix = noise_mix(seed, scenario.turn) if mix is None else mix
-    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
-    dryden_params, dryden_state = _initial_turbulence(vehicle, scenario, dryden, mix)
+    gusts = _initial_turbulence(vehicle, scenario, mix)
     grounded = interactive and scenario.free
     phi, theta, psi = scenario.initial_attitude_deg if attitude_deg is None else attitude_deg
     still = (0.0, 0.0, 0.0)
@@ -145,9 +161,15 @@ def initial_vehicle_state(
     body = Body((0.0, 0.0, -height), still, q_NB, still, still, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
     return VehicleInitial(
-        params=_pack_params(vehicle, scenario, dryden_params, scale) if like is None else like.params,
+        params=_pack_params(vehicle, scenario, gusts, scale) if like is None else like.params,
         state=np.array(
-            [*flatten(body), *dryden_state, *estimate, *initial_position_state(), *[0.0] * 5, *BatteryState()]
+            [
+                *flatten((body, gusts.dryden_state, estimate)),
+                *initial_position_state(),
+                *flatten(gusts.karman_state),
+                *[0.0] * 5,
+                *BatteryState(),
+            ]
         ),
         changes=_list_changes(vehicle, scenario) if like is None else like.changes,
     )
@@ -167,10 +189,10 @@ def noise_mix(seed: int, turns: Sequence[NoiseRotation]) -> Array:
     return np.array([(float(seed), 0.0, 1.0), *turned])
 
 
-def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenParams, gust_scale: float) -> Array:
+def _pack_params(vehicle: Vehicle, scenario: Scenario, gusts: _Turbulence, gust_scale: float) -> Array:
     rows = (
         body_params(vehicle, 1.0 / scenario.physics_rate_hz),
-        dryden_params,
+        gusts.dryden,
         _gyro_params(initial_plant(vehicle, scenario), scenario),
         stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
         position_params(vehicle, vehicle.position, scenario.dt),
@@ -181,6 +203,7 @@ def _pack_params(vehicle: Vehicle, scenario: Scenario, dryden_params: DrydenPara
         ActuatorParams(),
         _accelerometer_params(vehicle, scenario),
         battery_params(vehicle, free=scenario.free, dt=scenario.dt),
+        gusts.karman,
     )
     steps = scenario.physics_rate_hz // scenario.control_rate_hz
     rotors = vehicle.rotors
@@ -232,19 +255,28 @@ def _accelerometer_params(vehicle: Vehicle, scenario: Scenario) -> Accelerometer
     return AccelerometerParams(sigma, b_x, b_y, b_z, instrument.range)
 
 
-def _initial_turbulence(
-    vehicle: Vehicle, scenario: Scenario, dryden: Dryden | None, mix: Array
-) -> tuple[DrydenParams, DrydenState]:
-    if dryden is None:
-        still = TransverseParams(*[0.0] * 15)
-        return DrydenParams(0.0, 0.0, 0.0, 0.0, still, still), DrydenState(*[0.0] * 8)
-    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
+def _initial_turbulence(vehicle: Vehicle, scenario: Scenario, mix: Array) -> _Turbulence:
+    turbulence = next((item for item in scenario.wind if isinstance(item, RandomGusts)), None)
+    calm = _Turbulence(CALM, DrydenState(*[0.0] * 8), NO_KARMAN, STILL)
+    if turbulence is None:
+        return calm
+    spectrum = dryden_spectrum(turbulence, scenario.altitude_m, vehicle.span)
+    # Blocks 0 and 1 of sample 0 drive its step, those from 2 on are its initial state.
+    if isinstance(turbulence, VonKarman):
+        karman, factor = karman_filters(spectrum, vehicle.span, scenario.dt)
+        start = _draw_state(factor, mix)
+        state = KarmanState(tuple(start[:5]), tuple(start[5:11]), tuple(start[11:17]), start[17])  # type: ignore[arg-type]
+        return _Turbulence(SHOWN, show_gust(karman, state), karman, state)
     params, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
-    # Blocks 0 and 1 of sample 0 drive its step, 2 and 3 are its initial state.
-    draw = np.array([*_normals(mix, GUST_STREAM, 0, 2), *_normals(mix, GUST_STREAM, 0, 3)])
-    initial = np.empty(len(draw))
-    multiply_vector(factor, draw, initial)
-    return params, DrydenState(*initial.tolist())
+    return calm._replace(dryden=params, dryden_state=DrydenState(*_draw_state(factor, mix)))
+
+
+def _draw_state(factor: Array, mix: Array) -> list[float]:
+    blocks = range(2, 2 + -(-len(factor) // 4))
+    draw = np.array([number for block in blocks for number in _normals(mix, GUST_STREAM, 0, block)])
+    initial = np.empty(len(factor))
+    multiply_vector(factor, draw[: len(factor)], initial)
+    return [float(each) for each in initial]
 
 
 @compiled

@@ -49,6 +49,7 @@ from firmware_model.physics.rigid_body import (
 )
 from firmware_model.physics.rotors import Float4, LossParams, allocate, given_by_rotors, put_rotor_thrusts, sum_lift
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
+from firmware_model.physics.von_karman import KarmanParams, KarmanState, karman_step, show_gust
 from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, get_command, limit_command, track_setpoint
@@ -68,6 +69,7 @@ _load_battery, _store_battery = loader(BatteryState), storer(BatteryState)
 _load_body, _load_dryden = loader(Body), loader(DrydenState)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _store_body, _store_dryden = storer(Body), storer(DrydenState)
+_load_karman_params, _load_karman, _store_karman = loader(KarmanParams), loader(KarmanState), storer(KarmanState)
 _load_motion, _store_motion = loader(Motion), storer(Motion)
 _load_stage_loads, _store_stage_loads = loader(StageLoads), storer(StageLoads)
 _load_external_loads, _store_external_loads = loader(ExternalLoads), storer(ExternalLoads)
@@ -135,7 +137,11 @@ def advance_kernel(
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
         _store_stabilizer_state(x, X_STABILIZER, estimate)
     _store_body(x, X_BODY, body)
-    step_turbulence(one, x, mixed_normals(mix, GUST_STREAM, sample, 0), mixed_normals(mix, GUST_STREAM, sample, 1))
+    a, b = mixed_normals(mix, GUST_STREAM, sample, 0), mixed_normals(mix, GUST_STREAM, sample, 1)
+    if get(one, layout.VON_KARMAN) != 0.0:
+        step_von_karman(one, x, a, b)
+    else:
+        step_turbulence(one, x, a, b)
 
 
 @kernel
@@ -436,6 +442,15 @@ def step_turbulence(params: Lane, state: Lane, a: Float4, b: Float4) -> None:
     noise = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3])
     turbulence = dryden_step(_load_dryden_params(params, layout.DRYDEN), _load_dryden(state, X_DRYDEN), noise)
     _store_dryden(state, X_DRYDEN, turbulence)
+
+
+@kernel
+def step_von_karman(params: Lane, state: Lane, a: Float4, b: Float4) -> None:
+    """Step von Karman's turbulence instead, and write its gusts as the state of the other."""
+    noise, filters = (a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]), _load_karman_params(params, layout.VON_KARMAN)
+    turbulence = karman_step(filters, _load_karman(state, layout.X_VON_KARMAN), noise)
+    _store_karman(state, layout.X_VON_KARMAN, turbulence)
+    _store_dryden(state, X_DRYDEN, show_gust(filters, turbulence))
 
 
 observe, advance = compiled(observe_kernel), compiled(advance_kernel)

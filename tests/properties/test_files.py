@@ -18,6 +18,7 @@ from firmware_model.config.waveforms import (
     MomentSine,
     MomentSquare,
     MomentStep,
+    VonKarman,
 )
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -26,8 +27,9 @@ vector = st.tuples(finite, finite, finite)
 text = st.text(st.characters(exclude_categories=["Cs"]))
 name = st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="/\\$."), min_size=1, max_size=25)
 rate, phase = st.floats(1e-9, 600.0), st.floats(-100.0, 100.0)
-dryden = st.builds(
-    Dryden, kind=st.just("dryden"), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9)
+gusts = st.one_of(
+    st.builds(kind, kind=st.just(word), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9))
+    for kind, word in ((Dryden, "dryden"), (VonKarman, "von_karman"))
 )
 gust = st.builds(
     GustCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
@@ -53,7 +55,7 @@ scenario = st.builds(
     duration_s=st.floats(0.004, 100.0),
     altitude_m=st.floats(0.0, DRYDEN_CEILING_M, exclude_min=True),
     delay_samples=st.integers(0, 50),
-    wind=st.tuples(dryden, gust, replay) | st.lists(gust, max_size=2).map(tuple),
+    wind=st.tuples(gusts, gust, replay) | st.lists(gust, max_size=2).map(tuple),
     moment=st.lists(moment, max_size=3).map(tuple),
     gyro=st.builds(GyroFault, bias_rad_s=vector, noise=st.booleans()),
     accelerometer=st.builds(AccelerometerFault, bias_mps2=vector, noise=st.booleans()),

@@ -588,10 +588,11 @@ def _tally(shared: BatchSetup, tallies: Array, limits: Array, record: Array, sam
 
 @kernel
 def _step_turbulence(params: Array, state: Array, noise: Array) -> None:
-    for w in range(LANES):
-        step.step_turbulence(
-            Lane(params, LANES, w),
-            Lane(state, LANES, w),
-            _noise_block(noise, _GUST, w),
-            _noise_block(noise, _GUST + 4, w),
-        )
+    if params[layout.VON_KARMAN * LANES] != 0.0:
+        for w in range(LANES):
+            a, b = _noise_block(noise, _GUST, w), _noise_block(noise, _GUST + 4, w)
+            step.step_von_karman(Lane(params, LANES, w), Lane(state, LANES, w), a, b)
+    else:
+        for w in range(LANES):
+            a, b = _noise_block(noise, _GUST, w), _noise_block(noise, _GUST + 4, w)
+            step.step_turbulence(Lane(params, LANES, w), Lane(state, LANES, w), a, b)

@@ -14,7 +14,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts
 from firmware_model.types import Vector
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.controllers import fly_controller
@@ -183,7 +183,7 @@ def _scale(term: Any, factors: Array) -> Any:
 
 
 def _weaken_wind(item: Any, factor: float) -> Any:
-    if not isinstance(item, Dryden) or item.wind_speed_20ft_mps is None:
+    if not isinstance(item, RandomGusts) or item.wind_speed_20ft_mps is None:
         return item
     return replace(item, wind_speed_20ft_mps=factor * item.wind_speed_20ft_mps)
 

@@ -9,7 +9,7 @@ from firmware_model.config.events import ActuatorEffect, AttitudeReference, Gyro
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import NoiseRotation, list_scenarios, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
-from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep, MomentStep
+from firmware_model.config.waveforms import GustCosine, GustReplay, GustStep, MomentStep, VonKarman
 from firmware_model.numerics.rotations import euler_angles
 from firmware_model.numerics.soa import loader, single
 from firmware_model.physics.ground import ground_params, ground_wrench
@@ -118,6 +118,13 @@ def test_flights_over_the_vertical_are_the_same_side_by_side():
     steep = fly_direct(scenario, law, vehicle=VEHICLE)["q_NB"]
     assert np.max(np.abs(euler_angles(steep)[:, 1])) > STEEP
     assert_same(scenario, law, cases(3))
+
+
+@pytest.mark.parametrize("translation", ["held", "free"])
+def test_flights_in_air_of_von_karman_are_the_same_side_by_side(translation):
+    air = VonKarman(kind="von_karman", intensity="moderate")
+    many = [replace(case, vehicle=replace(case.vehicle, span=0.3 + 0.3 * i)) for i, case in enumerate(cases(3))]
+    assert_same(replace(SHORT, wind=(air,), translation=translation), load_law("flagship"), many)
 
 
 @pytest.mark.parametrize("name", ["payload-drop", "shear"])
