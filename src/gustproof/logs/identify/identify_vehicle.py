@@ -56,6 +56,7 @@ _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
+_FILLED_SPREAD = 1.3  # spread of real errors with commands that are filled in by that of the replicates, by simulation
 _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
 _LEAST_LAG = 0.00025  # [s] that stands for none
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
@@ -180,6 +181,9 @@ def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampl
     ahead = _cut(log, command, rest)
     for axis, seen in zip(axes, trained, strict=True):
         axis.held_out, axis.is_filled = _test_held_out(seen, ahead), sampled > 0.0
+        if axis.is_filled:
+            middle = np.median(axis.replicates, axis=0)
+            axis.replicates = middle + _FILLED_SPREAD * (axis.replicates - middle)
     return _collect(log, command, axes, slow=slow, sampled=sampled)
 
 
