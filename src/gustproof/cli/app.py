@@ -136,7 +136,7 @@ PANELS: dict[str, dict[str, tuple[Callable[..., Any] | typer.Typer, str]]] = {
     "Real autopilots": {
         "autopilot": (_autopilot, "Run the simulated vehicle alone, for ground stations."),
         "controller": (_controller, "Run or check a controller against an autopilot."),
-        "compare": (compare, "Fly PX4's or ArduPilot's own loops beside a law."),
+        "compare": (compare, "Fly autopilots and laws until it is known which is better."),
     },
     "Research": {
         "design": (design, "Solve an H-infinity design; list and show designs."),

@@ -45,6 +45,7 @@ scenario extract run -o there.csv
 campaign fly gust-roll --figures there.csv -o new.parquet
 campaign fly gust-roll --figures there.tex -o new.parquet
 campaign rare gust-roll 'peak_deg > 1' -o there.toml
+compare gust-roll --law flagship --law pid-fair -o there.md
 league --entry flagship -o there.html
 export flagship -o there.c
 export flagship -o new.c
@@ -60,7 +61,7 @@ guide --pictures there
 """.strip().splitlines()
 FOLDERS = ("fly calm -o there", "fly calm -o there.json", "reproduce -o there")
 PRECIOUS = (
-    *(f"there.{suffix}" for suffix in ("json", "params", "png", "html", "toml", "csv", "tex", "c", "mat")),
+    *(f"there.{suffix}" for suffix in ("json", "params", "png", "html", "toml", "csv", "tex", "c", "mat", "md")),
     *("new.csv", "new.png", "new.h", "new-vehicle.toml", "other-smallest.toml"),
     *("there/index.html", "there/scenario.schema.json", "there/gust.png"),
 )

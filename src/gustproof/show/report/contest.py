@@ -1,28 +1,79 @@
-"""Table of real autopilots and laws side by side."""
+"""Real autopilots and laws side by side: as a table, in Markdown for a review, and as JUnit for a build server."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
+from xml.etree import ElementTree
 
 from rich.table import Table
 from rich.text import Text
 
 from gustproof.show.report.terminal import Renderable, format_number
 from gustproof.studies.campaign.comparison import ComparisonRow
+from gustproof.studies.campaign.paired import ERROR, SMALL, Change
 
-_HEADINGS = (
+HEADINGS = (
     "RMSE, means removed [deg]",
+    "against the first",
     "RMSE [deg]",
     "RMSE as it sees it [deg]",
     "torque slew [N m/s]",
+    "flights",
     "speed [x real time]",
 )
 
 
 def render_comparison(title: str, rows: Iterable[ComparisonRow]) -> Renderable:
     """Return the table, a row for each controller."""
-    table = Table("", title=title)
-    for heading in _HEADINGS:
+    table = Table("", title=title, caption=explain())
+    for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for row in rows:
-        figures = row.steady_rmse_deg, row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms, row.realtime_factor
-        table.add_row(Text(row.name), *("" if figure is None else format_number(figure) for figure in figures))
+        table.add_row(Text(row.name), *_cells(row))
     return table
+
+
+def explain() -> str:
+    """Return how differences are to be read."""
+    ends = f"{100.0 * (1.0 - ERROR):g} %, at any number of flights"
+    return (
+        f"Differences of paired flights, geometric mean; intervals hold with {ends}. Alike is within {100 * SMALL:g} %."
+    )
+
+
+def render_markdown(title: str, rows: Iterable[ComparisonRow]) -> str:
+    """Return the table in Markdown."""
+    lines = [f"### {title}", "", f"| | {' | '.join(HEADINGS)} |", f"|---|{'---|' * len(HEADINGS)}"]
+    lines += [f"| {row.name.replace('|', chr(92) + '|')} | {' | '.join(_cells(row))} |" for row in rows]
+    return "\n".join([*lines, "", explain(), ""])
+
+
+def render_junit(title: str, rows: Sequence[ComparisonRow]) -> str:
+    """Return a test for each controller but the first, which fails if it is worse, as JUnit's XML."""
+    others = [row for row in rows if row.change is not None]
+    failed = sum(row.change is Change.WORSE for row in others)
+    suite = ElementTree.Element("testsuite", name=title, tests=str(len(others)), failures=str(failed), errors="0")
+    for row in others:
+        test = ElementTree.SubElement(suite, "testcase", classname=title, name=f"{row.name} against {rows[0].name}")
+        if row.change is Change.WORSE:
+            ElementTree.SubElement(test, "failure", message=describe_change(row))
+        ElementTree.SubElement(test, "system-out").text = describe_change(row)
+    root = ElementTree.Element("testsuites")
+    root.append(suite)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def describe_change(row: ComparisonRow) -> str:
+    """Return the difference of a controller from the first in words; empty for the first."""
+    if row.ratio is None or row.change is None:
+        return ""
+    value, low, high = (100.0 * (end - 1.0) for end in row.ratio)
+    ends = f" ({low:+.1f} to {high:+.1f})" if math.isfinite(high) else ""
+    return f"{value:+.1f} %{ends}, {row.change.value}"
+
+
+def _cells(row: ComparisonRow) -> list[str]:
+    figures = row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms
+    told = ["" if figure is None else format_number(figure) for figure in figures]
+    speed = "" if row.realtime_factor is None else format_number(row.realtime_factor)
+    return [format_number(row.steady_rmse_deg), describe_change(row), *told, str(row.flights), speed]

@@ -1,0 +1,79 @@
+"""`gustproof compare` of laws alone: a verdict on each, a table for a review, a test for a build server."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner
+
+from gustproof.cli.app import app
+from gustproof.law.form import load_law
+
+SHORT = 'description = "gusts"\nduration_s = 6.0\n\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
+
+
+@pytest.fixture
+def laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with a short scenario, and a law of 6 % less gain under another name."""
+    monkeypatch.chdir(tmp_path)
+    flagship = load_law("flagship")
+    replace(flagship, name="weak", C=0.94 * flagship.C, D=0.94 * flagship.D).save(tmp_path / "weak.json")
+    replace(flagship, name="same").save(tmp_path / "same.json")
+    (tmp_path / "short.toml").write_text(SHORT)
+    return tmp_path
+
+
+def test_a_weaker_law_is_worse_and_the_same_law_alike(laws: Path) -> None:
+    words = ("compare", "short.toml", "--law", "flagship", "--law", "weak.json", "--law", "same.json")
+    result = CliRunner().invoke(app, [*words, "--json"])
+    assert result.exit_code == 1
+    first, weak, same = json.loads(result.stdout)
+    assert (first["name"], first["verdict"], first["error_ratio"]) == ("flagship", None, None)
+    assert (weak["verdict"], same["verdict"]) == ("worse", "alike")
+    assert 1.0 < weak["error_ratio_low"] < weak["error_ratio"] < weak["error_ratio_high"] < 1.15
+    assert weak["flights"] < 20
+    assert same["flights"] < 20
+
+
+def test_the_table_is_written_for_a_review_and_a_build_server(laws: Path) -> None:
+    words = ("compare", "short.toml", "--law", "flagship", "--law", "same.json", "--runs", "6")
+    result = CliRunner().invoke(app, [*words, "-o", "review.md", "-o", "junit.xml"])
+    assert result.exit_code == 0
+    assert "alike" in result.stdout
+    text = Path("review.md").read_text(encoding="utf-8")
+    assert "| same |" in text
+    assert "alike" in text
+    suite = ElementTree.parse("junit.xml").getroot()[0]
+    assert (suite.get("tests"), suite.get("failures")) == ("1", "0")
+    assert suite[0].get("name") == "same against flagship"
+    again = CliRunner().invoke(app, [*words, "-o", "review.md"])
+    assert again.exit_code == 2
+    assert "--force" in again.output
+
+
+def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
+    words = ("compare", "short.toml", "--law", "flagship", "--law", "weak.json", "-o", "junit.xml")
+    assert CliRunner().invoke(app, words).exit_code == 1
+    suite = ElementTree.parse("junit.xml").getroot()[0]
+    assert suite.get("failures") == "1"
+    failure = suite[0].find("failure")
+    assert failure is not None
+    assert "worse" in failure.get("message", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--law flagship --law none.json", "none.json"),
+        ("--law flagship --law same.json --runs 0", "--runs"),
+        ("--law flagship --law same.json -o table.html", ".md or .xml"),
+        ("--build a --build a", "given twice"),
+        ("nowhere --law flagship --law same.json", "nowhere"),
+    ],
+)
+def test_what_can_t_be_compared_is_refused_in_a_line(laws: Path, words: str, said: str) -> None:
+    result = CliRunner().invoke(app, ["compare", *words.split()])
+    assert result.exit_code == 2
+    assert said in result.output
