@@ -355,7 +355,7 @@ class VonKarman(RandomGusts):
     """Continuous random gusts as of `dryden`, with von Karman's spectra: more above the break frequency.
 
     Filters of order five have these spectra within 1.4 % up to 740 / length [rad/m]. The standard prefers them where
-    structures count. Models, tuning and proofs are of `dryden` alone, and say so.
+    structures count. Proofs are of `dryden` alone, and say so.
     """
 
 

@@ -162,7 +162,8 @@ def _check_scope(law: Law, vehicle: Vehicle, scenario: Scenario) -> None:
     others = [each.name for each in fields(scenario) if getattr(only, each.name) != getattr(scenario, each.name)]
     if others:
         keys = ", ".join(others)
-        raise ValueError(f"scenario '{scenario.name}': only turbulence on a level stand is predicted, not its {keys}")
+        only_air = "only 'dryden' turbulence on a level stand is predicted"
+        raise ValueError(f"scenario '{scenario.name}': {only_air}, not its {keys}")
     if any(vehicle.gyro.bias_B) or vehicle.gyro.noise_model is not NoiseModel.CONSTANT:
         raise ValueError(
             f"vehicle '{vehicle.name}': a gyro with a bias, or noise that is not constant, is no white noise"

@@ -1,9 +1,9 @@
 """Predict attitude error, torque slew and sensitivity peak of a linear law in turbulence, without a flight.
 
 The model is exact for small angles, from rest, over the scenario's duration. It contains plant, actuator and delayed
-commands at the sample rate, the vehicle's own Dryden filters and gust map, and white gyro noise. Angular gusts act
-through the rate damping alone. They are in the model where that is the rotors' drag, and omitted where the vehicle file
-gives a number, as `paper` does.
+commands at the sample rate, the flight's own filters of turbulence, its gust map, and white gyro noise. Angular gusts
+act through the rate damping alone. They are in the model where that is the rotors' drag, and omitted where the vehicle
+file gives a number, as `paper` does.
 """
 
 import math
@@ -15,9 +15,9 @@ import scipy
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts, VonKarman
 from firmware_model.physics.dryden import dryden_filters, dryden_spectrum, gust_moment
-from firmware_model.physics.gust_filters import DrydenParams
+from firmware_model.physics.von_karman import karman_filters
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 from gustproof.robust.lti.norms import hinf_norm
@@ -64,7 +64,7 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     Raises
     ------
     ValueError
-        If the scenario has no turbulence, no wind of kind 'dryden'.
+        If the scenario has no turbulence, no wind of kind 'dryden' or 'von_karman'.
 
     Examples
     --------
@@ -73,31 +73,26 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     >>> roll.plant.order
     3
     """
-    dryden = next((item for item in scenario.wind if isinstance(item, Dryden)), None)
-    if dryden is None:
-        raise ValueError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden'")
-    spectrum = dryden_spectrum(dryden, scenario.altitude_m, vehicle.span)
-    f, factor = dryden_filters(spectrum, vehicle.span, scenario.dt)
-    covariance = factor @ factor.T
+    turbulence = next((item for item in scenario.wind if isinstance(item, RandomGusts)), None)
+    if turbulence is None:
+        raise ValueError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden' or 'von_karman'")
+    filters, angular = _gust_filters(turbulence, vehicle.span, scenario)
     gain = scenario.gust_scale * vehicle.gust_gain
     map_B = np.array([gust_moment(gain, vehicle.gust_yaw_ratio, tuple(e)) for e in np.eye(3)]).T
-    filters = [(np.array([[f.u_a]]), np.array([[f.u_b]]), np.array([[1.0]]), covariance[:1, :1])]
-    for t, at in ((f.v, slice(1, 3)), (f.w, slice(4, 6))):
-        A, B = _lower_triangle(t.a11, t.a21, t.a22), _lower_triangle(t.b11, t.b21, t.b22)
-        filters.append((A, B, np.array([[t.c1, t.c2]]), covariance[at, at]))
     models = []
     for axis in range(3):
         component = int(np.argmax(np.abs(map_B[axis])))
         A, B, C, stationary = filters[component]
         moment = Lti(A=A, B=B, C=map_B[axis, component] * C, D=np.zeros((1, B.shape[1])), dt=scenario.dt)
         if vehicle.rate_damping is None:
-            turning, own = _angular_gust(f, covariance, axis)
+            # It shares no noise with the gust beside it: p is beside v, q of w beside u, r of v beside w.
+            A, B, C, own = angular[axis]
             drag = vehicle.inertia_B[axis] * vehicle.rate_damping_B[axis]
             moment = Lti(
-                A=scipy.linalg.block_diag(moment.A, turning.A),
-                B=scipy.linalg.block_diag(moment.B, turning.B),
-                C=np.hstack([moment.C, drag * turning.C]),
-                D=np.zeros((1, moment.n_inputs + turning.n_inputs)),
+                A=scipy.linalg.block_diag(moment.A, A),
+                B=scipy.linalg.block_diag(moment.B, B),
+                C=np.hstack([moment.C, drag * C]),
+                D=np.zeros((1, moment.n_inputs + B.shape[1])),
                 dt=scenario.dt,
             )
             stationary = scipy.linalg.block_diag(stationary, own)
@@ -105,20 +100,31 @@ def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisMo
     return models[0], models[1], models[2]
 
 
-def _angular_gust(f: DrydenParams, covariance: Matrix, axis: int) -> tuple[Lti, Matrix]:
-    """Return the filter of an axis's angular gust [rad/s], of unit white noise, and its states' stationary covariance.
+_Filter = tuple[Matrix, Matrix, Matrix, Matrix]  # A, B, C of white noise of variance 1, stationary covariance
 
-    It shares no noise with the gust whose moment acts about the same axis: p is beside v, q of w beside u, r of v
-    beside w.
-    """
-    if axis == 0:
-        A, B, C, at = np.array([[f.p_a]]), np.array([[f.p_b]]), np.eye(1), slice(7, 8)
-    else:
-        t, at = (f.w, slice(4, 7)) if axis == 1 else (f.v, slice(1, 4))
+
+def _gust_filters(air: RandomGusts, span: float, scenario: Scenario) -> tuple[list[_Filter], list[_Filter]]:
+    """Return the filters of u, v, w [m/s], and of p, q, r [rad/s]."""
+    spectrum = dryden_spectrum(air, scenario.altitude_m, span)
+    if isinstance(air, VonKarman):
+        f, factor = karman_filters(spectrum, span, scenario.dt)
+        P = factor @ factor.T
+        (v, r), (w, q) = (
+            [(np.diag(t.a), np.array([t.b, t.d]).T, np.array([row]), P[at, at]) for row in (t.c, t.e)]
+            for t, at in ((f.v, slice(5, 11)), (f.w, slice(11, 17)))
+        )
+        u = (np.diag(f.u.a), np.array([f.u.b]).T, np.array([f.u.c]), P[:5, :5])
+        return [u, v, w], [(np.array([[f.p_a]]), np.array([[f.p_b]]), np.eye(1), P[17:, 17:]), q, r]
+    d, factor = dryden_filters(spectrum, span, scenario.dt)
+    P, sides = factor @ factor.T, []
+    for t, at in ((d.v, 1), (d.w, 4)):
         A = np.array([[t.a11, 0.0, 0.0], [t.a21, t.a22, 0.0], [t.a31, t.a32, t.a33]])
         B = np.array([[t.b11, 0.0, 0.0], [t.b21, t.b22, 0.0], [t.b31, t.b32, t.b33]])
-        C = t.slope * np.array([[t.c1, t.c2, -1.0]])
-    return Lti(A=A, B=B, C=C, D=np.zeros((1, len(B)))), covariance[at, at]
+        C, own = np.array([[t.c1, t.c2, -1.0]]), P[at : at + 3, at : at + 3]
+        sides.append(((A[:2, :2].copy(), B[:2, :2].copy(), C[:, :2], own[:2, :2]), (A, B, t.slope * C, own)))
+    (v, r), (w, q) = sides
+    u = (np.array([[d.u_a]]), np.array([[d.u_b]]), np.array([[1.0]]), P[:1, :1])
+    return [u, v, w], [(np.array([[d.p_a]]), np.array([[d.p_b]]), np.eye(1), P[7:, 7:]), q, r]
 
 
 def augmented_axis(model: AxisModel) -> Lti:
@@ -244,7 +250,3 @@ def _axis_model(vehicle: Vehicle, scenario: Scenario, axis: int, moment: Lti, st
         inertia=inertia,
         samples=scenario.samples,
     )
-
-
-def _lower_triangle(a11: float, a21: float, a22: float) -> Matrix:
-    return np.array([[a11, 0.0], [a21, a22]])

@@ -14,7 +14,7 @@ import numpy as np
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle, load_vehicle
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts
 from gustproof.airframe.covariance import axis_models
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.limits import output_feedback_limit
@@ -182,8 +182,10 @@ def wanted_slew(vehicle: Vehicle, scenario: Scenario, slew: float | None, sensit
     DesignError
         If nothing can be tuned for such limits, or in a scenario without turbulence.
     """
-    if not any(isinstance(item, Dryden) for item in scenario.wind):
-        raise DesignError(f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden', to tune for")
+    if not any(isinstance(item, RandomGusts) for item in scenario.wind):
+        raise DesignError(
+            f"scenario '{scenario.name}' has no turbulence, no wind of kind 'dryden' or 'von_karman', to tune for"
+        )
     wanted = default_slew(vehicle, scenario) if slew is None else slew
     if not (math.isfinite(wanted) and wanted > 0.0):
         raise DesignError(f"slew {wanted} N m/s: must be above 0 (in calm air give one)")

@@ -8,6 +8,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.waveforms import Dryden, RandomGusts, VonKarman
 from gustproof.airframe.covariance import axis_models, axis_performance, mean_covariance
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import measure
@@ -33,10 +34,14 @@ def test_the_mean_covariance_is_that_of_the_plain_recursion(count: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "delay"), [("paper", 1), ("paper", 0), ("paper", 3), ("iris", 1)])
-def test_what_the_model_foretells_is_what_flies(name: str, delay: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "delay", "kind"),
+    [("paper", 1, Dryden), ("paper", 0, Dryden), ("paper", 3, Dryden), ("iris", 1, Dryden), ("iris", 1, VonKarman)],
+)
+def test_what_the_model_foretells_is_what_flies(name: str, delay: int, kind: type[RandomGusts]) -> None:
     vehicle = load_vehicle(name)
-    scenario = dataclasses.replace(load_scenario("paper-turbulence"), delay_samples=delay)
+    air = kind(kind={Dryden: "dryden", VonKarman: "von_karman"}[kind], wind_speed_20ft_mps=15.0)
+    scenario = dataclasses.replace(load_scenario("paper-turbulence"), delay_samples=delay, wind=(air,))
     axes = [strapdown_axis(GAINS, inertia, scenario.dt) for inertia in vehicle.inertia_B]
     law = cascade_law("test", axes, vehicle, scenario.dt, Provenance(design="test", vehicle=name))
     foretold = [axis_performance(m, axis) for m, axis in zip(axis_models(vehicle, scenario), axes, strict=True)]

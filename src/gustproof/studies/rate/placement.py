@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.waveforms import Dryden
+from firmware_model.config.waveforms import RandomGusts
 from gustproof.airframe.covariance import axis_models
 from gustproof.airframe.limits import full_information_limit, output_feedback_limit
 from gustproof.airframe.predict import predict
@@ -93,7 +93,7 @@ def performance_limits(
     Raises
     ------
     ValueError
-        If the scenario has no Dryden turbulence.
+        If the scenario has no turbulence.
     DesignError
         If no law can hold this vehicle's attitude at this slew.
     """
@@ -121,7 +121,7 @@ def locate(law: Law, Ms: float, vehicle: Vehicle, scenario: Scenario) -> Placeme
 
     The result is `None` for a rate law, without turbulence, and if no law can hold attitude at the slew `SLEW`.
     """
-    if not any(isinstance(item, Dryden) for item in scenario.wind):
+    if not any(isinstance(item, RandomGusts) for item in scenario.wind):
         return None
     try:
         return _locate(law, Ms, linear_laws(axis_models(vehicle, scenario), around=SLEW), vehicle, scenario)

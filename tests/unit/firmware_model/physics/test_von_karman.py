@@ -23,7 +23,7 @@ from firmware_model.physics.von_karman import (
     karman_step,
     show_gust,
 )
-from gustproof.airframe.covariance import axis_models
+from gustproof.airframe.chance import attitude_box
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
 
@@ -124,8 +124,8 @@ def test_it_flies_and_is_not_taken_for_dryden() -> None:
     other = replace(SCENARIO, wind=(Dryden(kind="dryden", wind_speed_20ft_mps=15.0),))
     assert not np.array_equal(flown["gust_B"], fly_direct(other, load_law("flagship"), vehicle=PAPER)["gust_B"])
     assert np.all(np.ptp(np.hstack([flown["gust_B"], flown["gust_omega_B"]]), axis=0) > 0.0)
-    with pytest.raises(ValueError, match="no wind of kind 'dryden'"):
-        axis_models(PAPER, SCENARIO)
+    with pytest.raises(ValueError, match="only 'dryden' turbulence on a level stand is predicted, not its wind"):
+        attitude_box(load_law("flagship"), PAPER, SCENARIO, 1e-3)
 
 
 @pytest.mark.parametrize(
