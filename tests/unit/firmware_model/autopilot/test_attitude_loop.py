@@ -97,6 +97,12 @@ def test_rate_command_leads_to_the_target_by_the_shorter_way_within_its_limit(ax
         assert rates == pytest.approx(along(axis, rate), rel=1e-4, abs=1e-12)
 
 
+@AXES
+def test_half_a_turn_goes_the_way_of_its_quaternion(axis):
+    for sign in (1.0, -1.0):
+        assert attitude_rates(PARAMS, LEVEL, (0.0, *along(axis, sign))) == along(axis, sign * GAINS.rate_limit)
+
+
 def unlimited(**changes: float) -> StabilizerParams:
     return PARAMS._replace(limit_roll=100.0, limit_pitch=100.0, limit_yaw=100.0, **changes)
 
@@ -127,6 +133,9 @@ def test_integral_at_the_limit_only_moves_back(axis, sign):
     moved, torque = rate_torque(PARAMS, full, along(axis, -sign * 0.1))
     assert torque == along(axis, sign * limit)
     assert moved[7 + axis] == pytest.approx(sign * (100.0 - 0.1 * DT))
+    just = rate_torque(unlimited(), LEVEL, along(axis, sign))[1]
+    at_limit = PARAMS._replace(**{("limit_roll", "limit_pitch", "limit_yaw")[axis]: abs(just[axis])})
+    assert rate_torque(at_limit, LEVEL, along(axis, sign))[0][7 + axis] == pytest.approx(sign * DT)  # not beyond it yet
 
 
 @AXES

@@ -163,3 +163,11 @@ def test_far_from_the_ground_it_is_not_asked_about():
     assert sensor_wrench(params, high, inputs[0]) == sensor_wrench(params, high, inputs[1])
     assert fly(params, high, inputs[0], 0.001, 4) == fly(params, high, inputs[1], 0.001, 4)
     assert fly(params, STANDING, inputs[0], 0.001, 4) != fly(params, STANDING, inputs[1], 0.001, 4)
+
+
+def test_at_rest_in_the_wind_gravity_alone_is_felt():
+    params = FreeParams(body_params(VEHICLE, 0.001), air_params(VEHICLE), PARAMS)
+    air, outside = Air((3.0, -1.0, 0.5), (2.0, 1.0, 0.0)), surround(params.body, params.air, 0.5, ZERO)
+    inputs, creeping = FreeInputs(Wrench(ZERO, 0.0), outside, air, True), STANDING._replace(velocity_N=(0.03, 0.0, 0.0))
+    assert sensor_wrench(params, STANDING, inputs)[0] == pytest.approx((0.0, 0.0, -GRAVITY), abs=1e-12)
+    assert abs(sensor_wrench(params, creeping, inputs)[0][0]) > 0.01

@@ -49,6 +49,33 @@ def test_read_log_of_mutated_files(
     check_mutations(*sources[kind]())
 
 
+@pytest.mark.parametrize("block", [31, 997, 5003])
+@pytest.mark.parametrize("kind", ["px4", "ardupilot", "text"])
+def test_a_damaged_log_is_the_same_in_blocks_of_any_size(
+    written: Write,
+    px4_log: bytes,
+    ardupilot_log: bytes,
+    ardupilot_messages: dict[str, tuple[str, str, list[tuple[object, ...]]]],
+    make_dataflash_text: Callable[..., bytes],
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
+    block: int,
+) -> None:
+    logs = {"px4": px4_log, "ardupilot": ardupilot_log, "text": make_dataflash_text(ardupilot_messages)}
+    content, sync = bytearray(logs[kind]), b"" if kind != "px4" else b"\x08\0S/s\x13 %\x0c\xbb\x12"
+    for begin in range(len(content) // 8, len(content) - 400, len(content) // 8):
+        content[begin : begin + 150] = bytes(150 - len(sync)) + sync
+    path = written({"px4": "a.ulg", "ardupilot": "a.bin", "text": "a.log"}[kind], bytes(content))
+    whole = read_log(path)
+    monkeypatch.setattr(sample_store, "_BLOCK", block)
+    parts = read_log(path)
+    assert (parts.findings, parts.airborne, parts.parameters) == (whole.findings, whole.airborne, whole.parameters)
+    for name in ("gyro", "command", "motors", "attitude", "reference", "rate_reference"):
+        one, other = getattr(parts, name), getattr(whole, name)
+        assert np.array_equal(one.time, other.time) if one else other is None
+        assert np.array_equal(one.values, other.values, equal_nan=True) if one else True
+
+
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
 def test_flipped_bits_cost_few_samples(
     written: Write, flipped: Callable[..., bytes], px4_log: bytes, ardupilot_log: bytes, kind: str
