@@ -9,11 +9,12 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.campaign.plan import Workers, describe_start, open_pool
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.laws import LAW_HELP, choose_law, on_vehicle
+from gustproof.cli.laws import LAW_HELP, choose_law, is_parameter_file, on_vehicle
 from gustproof.cli.options import (
     COMPILING,
     SEED,
     AsJson,
+    Build,
     Force,
     check_output,
     complete,
@@ -25,10 +26,14 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.flight.routes.external import ExternalAutopilot
     from gustproof.law.form import Law
     from gustproof.studies.wind_limit.kept import Kept
+    from gustproof.studies.wind_limit.real_flights import RealFlight
     from gustproof.studies.wind_limit.wind_limit import WindLimit
 
 _LEAST_RISK = 1e-4
@@ -72,6 +77,7 @@ def wind_limit(
     risk: Annotated[
         float, typer.Option(callback=in_range(_LEAST_RISK, 0.3), help="Accepted probability that a minute breaks it.")
     ] = 1e-3,
+    build: Build = "",
     workers: Workers = None,
     seed: Annotated[int, SEED] = 1,
     output: Annotated[
@@ -88,7 +94,8 @@ def wind_limit(
     In free flight the law tilts into the mean wind and holds its place on average; no position loop flies around it.
     The turbulence of that wind comes on top (MIL-F-8785C), from the worst direction, over the spreads in the vehicle
     file. Sequential tests show on which side of the limit a speed is: both ends are right with 95 %. Single 1-cos gusts
-    are searched over directions and lengths, in calm air. Beside them stands the gust that is proved.
+    are searched over directions and lengths, in calm air. Beside them stands the gust that is proved. With --build the
+    parameters of --law fly in the real autopilot too, in the winds around the limit.
 
         gustproof wind-limit my-quad.toml --law my.params -o limit.html
 
@@ -101,26 +108,44 @@ def wind_limit(
     from gustproof.studies.wind_limit.kept import parse_keep
 
     kept = parse_keep(keep)
-    check_output(output, ".html", "a page")
-    flight = None if output is None else output.with_suffix(".toml")
-    check_output(flight, ".toml", "a scenario file")
+    flight = _check_files(output, law, build)
     vehicles = load_vehicle_set(vehicle)
     usual, pool = load_scenario("paper-turbulence"), open_pool(workers)
     flown = choose_law(law, vehicles, on_vehicle(usual, vehicles.nominal), quiet=as_json)
     base = scenario_for(flown, vehicles.nominal, usual)
     check(base, flown, vehicles.nominal)
+    real = _find_real(law, build, flown)
     study = _Asked(flown, vehicles, base, kept, risk, seed, with_map=output is not None)
     found = _search(study, pool, describe_start(workers, f"wind limit of {flown.name}"), quiet=as_json)
-    written = [] if output is None or flight is None else _write(found, vehicles, flown, output, flight)
+    written = _write(found, vehicles, flown, output, flight)
+    checked = _fly_real(found, vehicles, real, flown, quiet=as_json)
     if as_json:
-        print_json({**found.to_dict(), "files": [str(path) for path in written]})
+        print_json(
+            {**found.to_dict(), "real": [each._asdict() for each in checked], "files": [str(path) for path in written]}
+        )
         return
-    _show(found)
+    _show(found, checked)
     print("".join(f"{path} is written\n" for path in written), end="")
     if output is None:
         print_again(context, "-o", f"{Path(vehicle).stem}-wind.html")
     elif flight in written:
         print_next("fly", flight, *(() if law is None else ("--law", law)), "--vehicle", vehicle)
+
+
+def _check_files(output: Path | None, law: str | None, build: str) -> Path | None:
+    """Return the scenario file to write beside a page; refuse what can't be written, and a build without parameters.
+
+    Raises
+    ------
+    ConfigError
+        If a build is given, and the law is no parameter file.
+    """
+    check_output(output, ".html", "a page")
+    flight = None if output is None else output.with_suffix(".toml")
+    check_output(flight, ".toml", "a scenario file")
+    if build and not (law and is_parameter_file(law)):
+        raise ConfigError("--build: flies the parameters of --law, a file of PX4 or ArduPilot")
+    return flight
 
 
 def _search(asked: "_Asked", workers: AbstractContextManager[Any], title: str, *, quiet: bool) -> "WindLimit":
@@ -150,8 +175,12 @@ def _search(asked: "_Asked", workers: AbstractContextManager[Any], title: str, *
         raise ConfigError(f"law '{asked.law.name}': {error}") from None
 
 
-def _write(found: "WindLimit", vehicles: "VehicleSet", law: "Law", output: Path, flight: Path) -> list[Path]:
+def _write(
+    found: "WindLimit", vehicles: "VehicleSet", law: "Law", output: Path | None, flight: Path | None
+) -> list[Path]:
     """Write the page, and the flight at the limit if there is one; return the files."""
+    if output is None or flight is None:
+        return []
     from firmware_model.config.files import write_toml
     from gustproof.show.report.html.wind_page import write_wind_page
 
@@ -162,8 +191,42 @@ def _write(found: "WindLimit", vehicles: "VehicleSet", law: "Law", output: Path,
     return [output, flight]
 
 
-def _show(found: "WindLimit") -> None:
+def _find_real(parameters: str | None, build: str, law: "Law") -> "ExternalAutopilot | None":
+    """Return the autopilot whose loops a law stands for, if a build is given."""
+    if not build or parameters is None:
+        return None
+    from gustproof.flight.routes.external import ExternalAutopilot
+    from gustproof.studies.rate.advice import autopilot_kind
+
+    kind = autopilot_kind(law)
+    assert kind is not None  # as it is of a parameter file
+    return ExternalAutopilot(kind=kind, build=build, parameters=parameters)
+
+
+def _fly_real(
+    found: "WindLimit", vehicles: "VehicleSet", autopilot: "ExternalAutopilot | None", law: "Law", *, quiet: bool
+) -> "list[RealFlight]":
+    if autopilot is None:
+        return []
+    from gustproof.studies.wind_limit.real_flights import fly_real
+
+    with progress(f"flying {autopilot.name}", quiet=quiet) as shown:
+        return fly_real(
+            found.around, vehicles.nominal, autopilot, law, found.kept, (1, 2, 3), lambda text: shown(0.5, text)
+        )
+
+
+def _show(found: "WindLimit", checked: "list[RealFlight]") -> None:
     from gustproof.show.report.terminal import show
     from gustproof.show.report.wind_lines import render_wind_limit
 
     show(render_wind_limit(found))
+    for wind in dict.fromkeys(each.wind for each in checked):
+        flights = [each for each in checked if each.wind == wind]
+        real, model = (_range(each.real for each in flights), _range(each.model for each in flights))
+        print(f"real autopilot, {wind}: {real} of the limit in {len(flights)} flights, its model {model}")
+
+
+def _range(values: "Iterable[float]") -> str:
+    found = sorted(values)
+    return f"{found[0]:.3g} to {found[-1]:.3g}"

@@ -163,6 +163,7 @@ wind-limit iris --keep tilt<35,tilt<30
 wind-limit iris --risk 0
 wind-limit iris --risk nan
 wind-limit iris --workers 0
+wind-limit iris --build nowhere
 wind-limit iris -o x.pdf
 wind-limit iris --law pid-fair
 worst-case

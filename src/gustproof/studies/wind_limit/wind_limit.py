@@ -116,6 +116,8 @@ class WindLimit:
     """Flight in the least wind that is shown to be too much; `None` without one, or if no tilt holds the place."""
     calmer: Scenario
     """Flight in the strongest wind that was flown and could be held."""
+    around: tuple[Scenario, ...]
+    """Flights at the two ends of the limit and between, as far as they are known and can be held."""
 
     @property
     def shown_flight(self) -> Scenario:
@@ -214,8 +216,14 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         proved=proved,
         grid=tuple(study.map_winds(worst, scale)) if with_map else (),
         scenario=None if limit.high is None else study.script(limit.high, worst),
+        around=tuple(filter(None, (study.script(each, worst) for each in _ends(limit)))),
         calmer=next(filter(None, (study.script(each.speed, worst) for each in reversed(limit.trials)))),
     )
+
+
+def _ends(limit: SpeedLimit) -> list[float]:
+    """Return the speeds [m/s] around a limit that are known."""
+    return [each for each in (limit.low, limit.best, limit.high) if each is not None and math.isfinite(each)]
 
 
 class _Study:
