@@ -1,5 +1,6 @@
 """The command `gustproof judge`: a user's gains on his vehicle."""
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -96,7 +97,7 @@ def judge(
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
     found, tuned, improved = _judge_both(law, vehicles, script, search=search, quiet=as_json, **asked)
-    remarks = (*_contradict(found, log, over), *remarks)
+    remarks = (*_contradict(found, log, over), *remarks, *_predict_flight(found, log, over))
     in_vain = (NONE_BETTER,) * (search and tuned is None)
     written = [*_save(tuned, vehicles.nominal, better), *filter(None, [output])]
     _tell(found, improved, (remarks, in_vain), output, as_json=as_json)
@@ -207,6 +208,26 @@ def _contradict(found: "Judgement", log: "FlightLog | None", over: str | None) -
     from gustproof.studies.logged_flight import contradiction
 
     return tuple(filter(None, [contradiction(log, found)])) if log is not None and over is None else ()
+
+
+def _predict_flight(found: "Judgement", log: "FlightLog | None", over: str | None) -> tuple[str, ...]:
+    """Return the remark on the error that the flight of a log would have had with the gains loaded over its own."""
+    if over is None or not is_log(over) or not found.axes:
+        return ()
+    from gustproof.logs.read.read_log import read_log
+    from gustproof.studies.rate.failure_case import spectral_radius
+    from gustproof.studies.rate.flight_error import LEAST_HZ, flight_errors
+
+    log = log or read_log(Path(over))
+    flown, _, _ = read_gains(over, found.vehicle, log=log)
+    if flown.dt != found.law.dt or spectral_radius(flown, found.vehicle, found.scenario) >= 1.0:
+        return ()
+    was, there = flight_errors(log, flown, [flown, found.law], found.vehicle, found.scenario) or ((), ())
+    if not was:
+        return ()
+    told = (", ".join(f"{math.degrees(each):.3g}" for each in angles) for angles in (there, was))
+    new, old = told
+    return (f"in this flight: error of roll, pitch and yaw {new} deg in place of {old} deg, above {LEAST_HZ:g} Hz",)
 
 
 def _describe_flown(flown: "ShownVehicle", own: "Scenario | None") -> str:

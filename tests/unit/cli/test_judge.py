@@ -145,8 +145,9 @@ def flown(gain):
     rng, dt, n = np.random.default_rng(2), 0.004, 12000
     asked = np.radians(10.0) * np.sign(np.sin(np.arange(n)[:, None] * dt * np.array([3.1, 2.3, 1.4])))
     rate, angle, torque, trim, gust = (np.zeros(3) for _ in range(5))
-    rates, commands = np.empty((n, 3)), np.empty((n, 3))
+    rates, commands, angles = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for k in range(n):
+        angles[k] = angle
         rates[k] = rate + 0.002 * rng.standard_normal(3)
         error = 4.0 * (asked[k] - angle) - rates[k]
         trim = trim + 3.0 / gain * error * dt
@@ -158,7 +159,8 @@ def flown(gain):
     time = dt * np.arange(n)
     return FlightLog(
         source="flight.ulg", system="px4", gyro=LogSignal(time=time, values=rates),
-        command=LogSignal(time=time, values=commands), airborne=((0.0, n * dt),),
+        command=LogSignal(time=time, values=commands), attitude=LogSignal(time=time, values=angles),
+        reference=LogSignal(time=time, values=asked), airborne=((0.0, n * dt),),
         parameters={f"MC_{axis}RATE_P": 8.0 / gain for axis in ("ROLL", "PITCH", "YAW")} | {"IMU_GYRO_RATEMAX": 250.0},
     )  # fmt: skip
 
@@ -174,6 +176,7 @@ def test_gains_of_a_log_are_judged_on_the_vehicle_that_it_shows(quick, monkeypat
     assert told["remarks"][0].startswith("on the vehicle that flight.ulg shows, in the air that it flew in; no log")
     (judged, *_) = quick
     assert judged.law.provenance.parameters["MC_ROLLRATE_P"] == pytest.approx(0.1 if over else 8.0 / 60.0)
+    assert told["remarks"][-1].startswith("in this flight: error of roll, pitch and yaw ") is over
     full = np.array(judged.vehicle.torque_limit) / judged.vehicle.inertia_B
     assert full == pytest.approx([60.0] * 3, rel=0.1)
     assert judged.vehicle.actuator_lag == pytest.approx(0.03, abs=0.01)
