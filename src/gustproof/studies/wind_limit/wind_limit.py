@@ -50,7 +50,7 @@ _CASES = 2**31
 _CHUNK = 8 * LANES
 _CELL = LANES  # flights at a point of the map
 _SEEN, _MOST_SEEN = 10.0, 8 * _CHUNK  # failures that tell their causes, and flights for them
-_PROOFS = 4  # tries for a wind whose tilt is within its limit
+_PROOFS = 8  # tries for a wind whose tilt is within its limit
 _MAP = tuple(0.2 * k for k in range(8))
 _NAMES = ("the front", "front right", "the right", "back right", "the back", "back left", "the left", "front left")
 Progress = Callable[[float, str], None]
@@ -86,6 +86,8 @@ class WindLimit:
     """Name of the law."""
     vehicle: str
     """Name of the vehicle."""
+    is_from_log: bool
+    """True if the vehicle was identified from a log, which shows neither drag nor gust moment alone."""
     kept: tuple[Kept, ...]
     """Requirements."""
     risk: float
@@ -135,6 +137,7 @@ class WindLimit:
         return {
             "law": self.law,
             "vehicle": self.vehicle,
+            "is_from_log": self.is_from_log,
             "keep": [each.text for each in self.kept],
             "risk_a_minute": self.risk,
             "holds_place": self.holds_place,
@@ -202,6 +205,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
     return WindLimit(
         law=study.law.name,
         vehicle=study.vehicles.nominal.name,
+        is_from_log=study.vehicles.nominal.command is not None,
         kept=study.kept,
         risk=risk,
         holds_place=study.holds_place,
@@ -344,11 +348,16 @@ class _Study:
                 note = "the proof's box ends there"
             if angle <= min(limits):
                 return ProvedGust(math.floor(1e3 * part * speed) / 1e3, angle, note)
-            speed, note = 0.98 * part * speed * min(limits) / angle, "more tilt is possible beyond"
+            share = min(limits) / angle
+            note = "more tilt is possible beyond" if share else "the truth leaves the law's attitude too far beyond"
+            speed *= 0.98 * part * share or 0.5 * part
         return ProvedGust(0.0, math.nan, "no proof was found")
 
     def _certify(self, speed: float) -> tuple[float, float] | str:
-        """Return the part [-] of a wind [m/s] that is proved, and the bound of roll and pitch [deg]; or why none is."""
+        """Return the part [-] of a wind [m/s] that is proved, and the bound of roll and pitch [deg]; or why none is.
+
+        The bound is infinite if the true attitude has none.
+        """
         vehicle, box = self.vehicles.nominal, plant_box(self.vehicles)
         spreads = box.shares()
         L, M, N = (speed * vehicle.gust_gain * np.array([1.0, 1.0, vehicle.gust_yaw_ratio])).tolist()
@@ -368,9 +377,9 @@ class _Study:
             except ValueError as error:
                 return str(error)
         bounds = [each for each in found.truth_deg or () if each is not None]
-        if not found.proven or found.certified_fraction is None or len(bounds) < 2:
+        if not found.proven or found.certified_fraction is None:
             return found.statement
-        return found.certified_fraction, max(bounds[:2])
+        return found.certified_fraction, max(bounds[:2]) if len(bounds) > 1 else math.inf
 
 
 def fly_shares(metadata: str, kept: Sequence[Kept], first: int, count: int) -> Array:

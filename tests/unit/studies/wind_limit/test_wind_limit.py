@@ -109,3 +109,9 @@ def test_without_set_points_it_flies_in_turbulence_alone_and_says_that_no_limit_
 def test_calm_air_that_is_too_much_is_said() -> None:
     lines = [*describe_limit(replace(found(), turbulence=replace(found().turbulence, low=None, high=0.5)))]
     assert lines[0].startswith("wind: it does not stand even 0.5 m/s")
+
+
+def test_what_no_log_shows_is_said_of_a_vehicle_from_one() -> None:
+    said = "drag and gust moment"
+    assert said in list(describe_limit(replace(found(), is_from_log=True)))[1]
+    assert not any(said in line for line in describe_limit(found()))
