@@ -24,7 +24,7 @@ def describe_limit(found: WindLimit) -> Iterator[str]:
     """Yield the limit in turbulence, in single gusts, what is proved, and what limits."""
     yield f"wind: {describe_wind(found)}"
     if found.is_from_log:
-        yield "it rests on drag and gust moment of the vehicle file, which no log shows: they are given or assumed there"
+        yield "it rests on drag and gust moment of the vehicle file: no log shows them, they are given or assumed there"
     if not found.holds_place:
         yield "the law has no set-points, so it can't tilt into the mean wind: it is carried along in turbulence"
     if found.tilt_deg is not None:
