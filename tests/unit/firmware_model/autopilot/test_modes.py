@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.guidance import NavigationState
 from firmware_model.autopilot.modes import (
@@ -89,6 +90,11 @@ def autopilot(craft) -> Autopilot:
 )  # fmt: skip
 def test_modes_have_the_numbers_of_px4(mode, number):
     assert mode.value == number
+
+
+@pytest.mark.parametrize("name", ["ON_GROUND", "IN_AIR", "TAKEOFF", "LANDING"])
+def test_landed_states_have_the_numbers_of_mavlink(name):
+    assert LandedState[name].value == getattr(wire, f"MAV_LANDED_STATE_{name}")
 
 
 @pytest.mark.parametrize("text", [item.value for item in (*TransitionResult, *AutopilotEvent)])
