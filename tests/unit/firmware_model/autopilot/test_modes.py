@@ -289,10 +289,15 @@ def test_take_off_waits_for_arming(craft, autopilot):
     assert craft.stay(SAMPLE_US) == PositionTarget((0.0, 0.0, -2.5), 0.0, None)
 
 
-@pytest.mark.parametrize("height", [0.5, -10.0, 501.0, math.nan, math.inf])
+@pytest.mark.parametrize("height", [math.nextafter(1.0, 0.0), -10.0, math.nextafter(500.0, 501.0), math.nan, math.inf])
 def test_take_off_to_nowhere_is_refused(autopilot, height):
     assert autopilot.take_off(height) is TransitionResult.HEIGHT
     assert autopilot.mode is Mode.STABILIZED
+
+
+@pytest.mark.parametrize("height", [1.0, 500.0])
+def test_take_off_to_either_end_of_the_range_is_accepted(autopilot, height):
+    assert autopilot.take_off(height) is TransitionResult.ACCEPTED
 
 
 def test_take_off_in_the_air_is_refused_but_a_repeated_request_is_not(craft, autopilot):
