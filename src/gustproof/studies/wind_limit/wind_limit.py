@@ -199,7 +199,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
     progress(0.75, "gusts")
     gusts, lengths = study.find_gusts()
     progress(0.8, "proof")
-    proved = study.prove()
+    proved = _below_failures(study.prove(), limit.high, min(each.speed for each in gusts))
     scale = limit.best if math.isfinite(limit.best) else MOST / 2.0
     progress(0.85, "map of mean wind and turbulence")
     return WindLimit(
@@ -223,6 +223,15 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         around=tuple(filter(None, (study.script(each, worst) for each in _ends(limit)))),
         calmer=next(filter(None, (study.script(each.speed, worst) for each in reversed(limit.trials)))),
     )
+
+
+def _below_failures(proved: ProvedGust, wind: float | None, gust: float) -> ProvedGust:
+    """Return what is proved no further than the least wind and the least gust [m/s] in which flights fail.
+
+    The proof is of the attitude about level. The tilt that holds a place in mean wind is not part of it.
+    """
+    least = min(math.inf if wind is None else wind, gust)
+    return proved if proved.speed < least else ProvedGust(least, proved.attitude_deg, "flights fail beyond")
 
 
 def _ends(limit: SpeedLimit) -> list[float]:

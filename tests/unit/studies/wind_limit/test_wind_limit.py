@@ -68,6 +68,7 @@ def test_a_gust_just_below_the_least_holds_and_the_proof_is_below_it() -> None:
         (flown,) = make_batch_simulator(script, load_law("flagship"))([Case(vehicle=vehicle, seed=1, gust_scale=scale)])
         assert (max(shares(kept, flown)) <= 1.0) is is_kept
     assert 0.0 < found().proved.speed < worst.speed
+    assert found().proved.speed <= (found().turbulence.high or math.inf)
     assert found().proved.attitude_deg <= 0.35
 
 
