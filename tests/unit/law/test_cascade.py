@@ -114,6 +114,15 @@ def test_at_the_limit_the_integral_does_not_wind_up(build) -> None:
     assert command[0] == -law.limits[0]
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_beyond_its_rate_limit_it_does_what_the_reference_of_that_rate_asks(sign) -> None:
+    limited, free = (law_of([strapdown_axis(PID, 0.01, DT, limit)] * 3) for limit in (0.5, None))
+    x, y, least = np.zeros(12), np.zeros(6), np.zeros(6)
+    y[3:], least[3:] = sign * np.array([0.2, 0.4, 0.8]), sign * 0.5 / PID.angle_p
+    for found, expected in zip(step(limited, x, y), step(free, x, least), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 def test_gains_for_provenance_name_axis_and_gain() -> None:
     named = gain_parameters([PI, PI, PID])
     assert named["roll_rate_p"] == 10.0
