@@ -248,3 +248,16 @@ def test_vehicle_begins_without_load_moment_or_applied_event() -> None:
     state = initial_state(VEHICLE, QUIET, 1).state
     assert not state[X_LOAD:X_BATTERY].any()
     assert (X_BATTERY - X_LOAD, len(state) - X_BATTERY) == (5, len(BatteryState()))
+
+
+def test_on_the_stand_level_flight_asks_for_the_rates_of_a_level_attitude() -> None:
+    tilted = AttitudeTarget(time_us=0, q_NB=from_euler(0.3, -0.2, 0.1), omega_B=None, thrust=None)
+    level = AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=None)
+    asked = []
+    for setpoint in (level, LevelFlight()):
+        loop = VehicleLoop(VEHICLE, replace(QUIET, delay_samples=0), 1)
+        for _ in range(250):
+            loop.advance(tilted, 0)
+        asked.append(tuple(loop.advance(setpoint, 0).view(RECORD)[0]["omega_command_B"]))
+    assert asked[0] == asked[1]
+    assert asked[0][0] < -0.5
