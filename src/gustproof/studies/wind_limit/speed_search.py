@@ -1,9 +1,9 @@
 """Search the wind speed at which the probability of a failure reaches a stated risk, by sequential tests.
 
 A test at one speed ends when either of two statements is shown: the probability is below the risk, or above it. Each is
-a likelihood ratio of a Bernoulli process, a nonnegative supermartingale if the statement is false. So it may be read
-after each batch, and is wrong at most with its share of the whole error (Ville's inequality). Speeds are chosen by a
-normal distribution of the logarithm of the speed at which a flight fails. A bad choice costs flights, not truth.
+a mean of likelihood ratios of a Bernoulli process, a nonnegative supermartingale if the statement is false. So it may
+be read after each batch, and is wrong at most with its share of the whole error (Ville's inequality). Speeds are chosen
+by a normal distribution of the logarithm of the speed at which a flight fails. A bad choice costs flights, not truth.
 
 References
 ----------
@@ -13,7 +13,7 @@ Annals of Statistics 49, 2021.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -29,15 +29,13 @@ CONFIDENCE = 0.95
 _TESTS = 20
 """Speeds at which a statement may be made, those of the scouting among them; each has an equal share of the error."""
 _APART = 3.0  # [-] of the risk, by which the probability at a tested speed is meant to be below or above it
+_ALTERNATIVES = (1.5, 3.0)  # [-] of the risk, the probabilities that a test has beside it
 _WIDER = 1.7  # [-] on this, after a test that shows neither
 _SCOUTS, _BATCH, _LARGEST = 64, 256, 2048  # flights at each speed of a scouting; of the first and the largest batch
 _NEAR = 1.12  # [-] ratio of speeds at which scouting ends
 _LOWER = 0.85  # [-] of the least speed that was tested, where the fit leads no further
 _CLOSE = 1.05  # [-] ratio of the ends at which the search ends
-_VAIN, _LEVEL = (
-    4.0,
-    1.6,
-)  # a test ends after this many expected failures, if the share is within this factor of the risk
+_VAIN, _LEVEL = 8.0, 1.35  # expected failures that end a test whose share is within this factor of the risk
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,13 +126,20 @@ class _Search:
 
     def shows(self, speed: float) -> bool | None:
         """Return whether the probability at a speed is shown to be below the risk, or `None` if neither is shown."""
+        enough = _TESTS / (1.0 - CONFIDENCE)
+        if self._evidence(speed, [self.risk / each for each in _ALTERNATIVES]) >= enough:
+            return True
+        above = [min(self.risk * each, 0.5 * (1.0 + self.risk)) for each in _ALTERNATIVES]
+        return False if self._evidence(speed, above) >= enough else None
+
+    def _evidence(self, speed: float, others: Sequence[float]) -> float:
+        """Return the mean likelihood ratio [-] of other probabilities to the risk, of all flights at a speed."""
         flown, failed = self.counts[speed]
-        enough = math.log(_TESTS / (1.0 - CONFIDENCE))
-        for wrong, answer in ((self.risk / _APART, True), (min(self.risk * _APART, 0.5 * (1.0 + self.risk)), False)):
-            passed = math.log((1.0 - wrong) / (1.0 - self.risk))
-            if failed * math.log(wrong / self.risk) + (flown - failed) * passed >= enough:
-                return answer
-        return None
+        logs = [
+            failed * math.log(other / self.risk) + (flown - failed) * math.log((1.0 - other) / (1.0 - self.risk))
+            for other in others
+        ]
+        return sum(math.exp(min(each, 500.0)) for each in logs) / len(logs)
 
     def test(self, speed: float, most: int) -> bool | None:
         """Fly at a speed until it shows something, seems in vain, or `most` flights are flown in all; see `shows`."""

@@ -22,7 +22,7 @@ from gustproof.studies.wind_limit.wind_flight import gust_scenario, wind_scenari
 from gustproof.studies.wind_limit.wind_limit import WindLimit, find_wind_limit, fly_shares
 
 AIR, RISK = load_scenario("paper-turbulence"), 0.2
-KEEP = "error<0.35, saturated<1 %"
+KEEP = "error<0.6, saturated<1 %"
 
 
 class Pool(ThreadPoolExecutor):
@@ -69,7 +69,7 @@ def test_a_gust_just_below_the_least_holds_and_the_proof_is_below_it() -> None:
         assert (max(shares(kept, flown)) <= 1.0) is is_kept
     assert 0.0 < found().proved.speed < worst.speed
     assert found().proved.speed <= (found().turbulence.high or math.inf)
-    assert found().proved.attitude_deg <= 0.35
+    assert found().proved.attitude_deg <= 0.6
 
 
 def test_the_map_is_monotone_to_its_counts_and_the_page_holds_it(tmp_path) -> None:
