@@ -78,7 +78,7 @@ def compare(
 
     written = _check_tables(output)
     script, airframe = load_script(scenario, vehicle, free=free), load_vehicle(vehicle)
-    laws = {each: find_law(each, airframe, script.control_rate_hz) for each in law or ["flagship"]}
+    laws = {each: find_law(each, airframe, script.control_rate_hz) for each in _check_once(law or ["flagship"])}
     named: dict[str, ExternalAutopilot | Law] = {}
     if len(laws) == 1 or any(is_given(context, each) for each in ("autopilot", "build", "params", "inside")):
         first = next(iter(laws.values())).name
@@ -93,6 +93,14 @@ def compare(
     _tell(title, rows, written, as_json=as_json)
     if any(row.change is Change.WORSE for row in rows):
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _check_once(names: list[str]) -> list[str]:
+    """Return laws by name; refuse one that is given twice, as its flights would be the same."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"--law {name} is given twice")
+    return names
 
 
 def _check_tables(output: list[Path] | None) -> list[Path]:

@@ -70,6 +70,7 @@ def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
         ("--law flagship --law same.json --runs 0", "--runs"),
         ("--law flagship --law same.json -o table.html", ".md or .xml"),
         ("--build a --build a", "given twice"),
+        ("--law flagship --law flagship", "--law flagship is given twice"),
         ("nowhere --law flagship --law same.json", "nowhere"),
     ],
 )

@@ -24,7 +24,8 @@ HEADINGS = (
 
 def render_comparison(title: str, rows: Iterable[ComparisonRow]) -> Renderable:
     """Return the table, a row for each controller."""
-    table = Table("", title=title, caption=explain())
+    table = Table(title=title, caption=explain())
+    table.add_column("", no_wrap=True)
     for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for row in rows:
@@ -34,10 +35,8 @@ def render_comparison(title: str, rows: Iterable[ComparisonRow]) -> Renderable:
 
 def explain() -> str:
     """Return how differences are to be read."""
-    ends = f"{100.0 * (1.0 - ERROR):g} %, at any number of flights"
-    return (
-        f"Differences of paired flights, geometric mean; intervals hold with {ends}. Alike is within {100 * SMALL:g} %."
-    )
+    ends = f"intervals hold with {100.0 * (1.0 - ERROR):g} % at any number of flights"
+    return f"Paired flights, geometric mean; {ends}; alike is within {100.0 * SMALL:g} %."
 
 
 def render_markdown(title: str, rows: Iterable[ComparisonRow]) -> str:
