@@ -51,7 +51,7 @@ _CHUNK = 8 * LANES
 _CELL = LANES  # flights at a point of the map
 _SEEN, _MOST_SEEN = 10.0, 8 * _CHUNK  # failures that tell their causes, and flights for them
 _PROOFS = 8  # tries for a wind whose tilt is within its limit
-_MAP = tuple(0.2 * k for k in range(8))
+_MAP = tuple(0.28 * k for k in range(6))
 _NAMES = ("the front", "front right", "the right", "back right", "the back", "back left", "the left", "front left")
 Progress = Callable[[float, str], None]
 

@@ -19,7 +19,7 @@ from gustproof.show.report.wind_lines import describe_limit
 from gustproof.studies.campaign.plan import Campaign, select_spreads, usual_dispersions
 from gustproof.studies.wind_limit.kept import parse_keep, shares
 from gustproof.studies.wind_limit.wind_flight import gust_scenario, wind_scenario
-from gustproof.studies.wind_limit.wind_limit import WindLimit, find_wind_limit, fly_shares
+from gustproof.studies.wind_limit.wind_limit import WindLimit, _Study, find_wind_limit, fly_shares
 
 AIR, RISK = load_scenario("paper-turbulence"), 0.2
 KEEP = "error<0.6, saturated<1 %"
@@ -98,10 +98,16 @@ def test_the_same_flights_are_flown_whatever_the_batches() -> None:
     assert len(np.unique(whole)) == 40
 
 
-def test_without_set_points_it_flies_in_turbulence_alone_and_says_that_no_limit_is_found() -> None:
-    limit = limit_of(load_law("hinf-d2"), load_vehicle_set("paper"), "tilt<80")
-    assert not limit.holds_place
-    assert limit.turbulence.low == 40.0
+def test_without_set_points_it_flies_in_turbulence_alone_and_says_so() -> None:
+    vehicles, law = load_vehicle_set("paper"), load_law("hinf-d2")
+    with Pool(1) as pool:
+        study = _Study(law, vehicles, AIR, parse_keep("tilt<80"), pool, 1)
+        script = study.script(30.0, 90.0)
+        assert study.failures(90.0, 30.0, 0, 32) == 0
+    assert not study.holds_place
+    assert script is not None
+    assert [item.kind for item in script.wind] == ["dryden"]
+    limit = replace(found(), holds_place=False, turbulence=replace(found().turbulence, low=40.0, high=None))
     lines = list(describe_limit(limit))
     assert lines[0].startswith("wind: none found: it stands 40 m/s")
     assert "carried along" in lines[1]
