@@ -9,10 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from firmware_model.config.files import read_text, write_text
-from firmware_model.config.vehicle import load_vehicle, vehicle_path
+from firmware_model.config.files import read_text, write_text, write_toml
+from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from gustproof.checker.estimate_box import Box, EstimateCase, is_rate_unlimited, is_within_limits
 from gustproof.checker.evidence import FORMAT, check_certificate, seal
 from gustproof.checker.evidence_types import ChanceEvidence, Figures, FlightEvidence
@@ -32,7 +33,7 @@ from gustproof.checker.flight_box import (
 )
 from gustproof.checker.kernel_norms import LONGEST
 from gustproof.checker.system import LoopSystem, Refusal, read_system, sha256
-from gustproof.law.form import law_path, load_law
+from gustproof.law.form import Law, law_path, load_law
 
 _ROUNDS = 400
 """Most rounds of growth; a box that has not settled by then counts as open."""
@@ -199,6 +200,30 @@ def certify_boundedness(
     evidence["box"] = [[float(value) for value in row] for row in box]
     nothing = f"no part of the moment is proven for law '{system.name}'"
     return judge_box(evidence, nothing, moment_class, law=law_text, vehicle=vehicle_text)
+
+
+def certify_made(
+    law: Law,
+    vehicle: Vehicle,
+    *,
+    moment: tuple[float, float, float],
+    horizon: float,
+    inertia_spread: float,
+    lag_spread: float,
+) -> FlightCertificate:
+    """Return the certificate of a law and a vehicle that need no files, see `certify_boundedness`."""
+    with TemporaryDirectory() as folder:
+        law_file, vehicle_file = Path(folder) / "law.json", Path(folder) / "vehicle.toml"
+        law.save(law_file)
+        write_toml(vehicle, vehicle_file)
+        return certify_boundedness(
+            law_file,
+            vehicle_file,
+            moment=moment,
+            horizon=horizon,
+            inertia_spread=inertia_spread,
+            lag_spread=lag_spread,
+        )
 
 
 def judge_box(

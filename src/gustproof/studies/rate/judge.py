@@ -5,14 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.files import write_toml
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
@@ -28,7 +25,7 @@ from gustproof.design.structures import LawKind
 from gustproof.design.tune import Tuning, default_slew, tune_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
-from gustproof.prove.boundedness import FlightCertificate, certify_boundedness
+from gustproof.prove.boundedness import FlightCertificate, certify_made
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.studies.rate.advice import Advice, advise, autopilot_kind
 from gustproof.studies.rate.failure_case import LOST_DEG, FailureCase, fly_failure, nearest_instability, spectral_radius
@@ -428,18 +425,14 @@ def _prove(
         return None, f"the check knows a delay of one sample; this scenario has {scenario.delay_samples}"
     spreads = box.shares()
     try:
-        with TemporaryDirectory() as folder:
-            law_file, vehicle_file = Path(folder) / "law.json", Path(folder) / "vehicle.toml"
-            law.save(law_file)
-            write_toml(box.nominal, vehicle_file)
-            found = certify_boundedness(
-                law_file,
-                vehicle_file,
-                moment=budget,
-                horizon=scenario.duration_s,
-                inertia_spread=spreads.inertia,
-                lag_spread=spreads.actuator_lag,
-            )
+        found = certify_made(
+            law,
+            box.nominal,
+            moment=budget,
+            horizon=scenario.duration_s,
+            inertia_spread=spreads.inertia,
+            lag_spread=spreads.actuator_lag,
+        )
     except ValueError as error:
         return None, str(error)
     return found, ""

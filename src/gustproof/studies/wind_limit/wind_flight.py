@@ -12,6 +12,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle
 from firmware_model.numerics.rotations import from_euler, rotation_matrix, to_B, to_N
 from firmware_model.physics.aerodynamics import AIR_DENSITY
+from firmware_model.types import Vector
 from gustproof.law.form import Law
 from gustproof.studies.wind_limit.kept import MINUTE_S, Kept
 from gustproof.types import Array
@@ -30,14 +31,20 @@ def mean_wind(speed_20ft: float, altitude: float) -> float:
     return speed_20ft * math.log(altitude / _ROUGHNESS) / math.log(20.0 * _FOOT / _ROUGHNESS)
 
 
+def toward(from_deg: float) -> Vector:
+    """Return the unit vector N along which a level wind from a bearing [deg] blows."""
+    bearing = math.radians(from_deg)
+    return -math.cos(bearing), -math.sin(bearing), 0.0
+
+
 def find_tilt(vehicle: Vehicle, speed: float, from_deg: float) -> tuple[float, float] | None:
     """Return roll and pitch [rad] at which a vehicle that heads north stays in place in a level wind [m/s].
 
     Drag of rotors and body are those of the simulation, see `firmware_model.physics.aerodynamics`. It is `None` if that
     needs more than 60 deg, or nine tenths of the largest thrust.
     """
-    bearing = math.radians(from_deg)
-    wind_N = (-speed * math.cos(bearing), -speed * math.sin(bearing), 0.0)
+    north, east, _ = toward(from_deg)
+    wind_N = (speed * north, speed * east, 0.0)
     weight = vehicle.mass * GRAVITY
     body = 0.5 * AIR_DENSITY * vehicle.drag_area
 

@@ -8,13 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from firmware_model.config.files import write_toml
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
@@ -23,7 +20,7 @@ from gustproof.errors import FlightError
 from gustproof.flight.routes.batch import Case, make_batch_simulator
 from gustproof.flight.routes.kernels import LANES
 from gustproof.law.form import Law
-from gustproof.prove.boundedness import certify_boundedness
+from gustproof.prove.boundedness import certify_made
 from gustproof.studies.campaign.executors import Pool
 from gustproof.studies.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
 from gustproof.studies.campaign.worker import load_campaign
@@ -34,6 +31,7 @@ from gustproof.studies.wind_limit.wind_flight import (
     find_tilt,
     gust_scenario,
     mean_wind,
+    toward,
     tracks_references,
     wind_scenario,
 )
@@ -327,8 +325,8 @@ class _Study:
         """Return the least gust that fails of each direction, and of the worst direction at each length."""
         script = gust_scenario(self._base, self.kept, length_s=1.0, direction=(1.0, 0.0, 0.0))
         metadata = json.dumps(self._campaign(script).metadata())
-        sources = {name: _toward(bearing) for name, bearing in zip(_NAMES, DIRECTIONS, strict=True)} | _VERTICAL
-        tasks = [(metadata, self.kept, name, toward, _LENGTHS) for name, toward in sources.items()]
+        sources = {name: toward(bearing) for name, bearing in zip(_NAMES, DIRECTIONS, strict=True)} | _VERTICAL
+        tasks = [(metadata, self.kept, name, along, _LENGTHS) for name, along in sources.items()]
         found = dict(zip(sources, self._run(find_gust_limits, tasks), strict=True))
         each = {name: min(limits, key=lambda one: one.speed) for name, limits in found.items()}
         name, worst = min(each.items(), key=lambda one: one[1].speed)
@@ -370,21 +368,17 @@ class _Study:
         vehicle, box = self.vehicles.nominal, plant_box(self.vehicles)
         spreads = box.shares()
         L, M, N = (speed * vehicle.gust_gain * np.array([1.0, 1.0, vehicle.gust_yaw_ratio])).tolist()
-        with TemporaryDirectory() as folder:
-            law_file, vehicle_file = Path(folder) / "law.json", Path(folder) / "vehicle.toml"
-            self.law.save(law_file)
-            write_toml(vehicle, vehicle_file)
-            try:
-                found = certify_boundedness(
-                    law_file,
-                    vehicle_file,
-                    moment=(L, M, N),
-                    horizon=MINUTE_S,
-                    inertia_spread=0.0 if box.assumed else spreads.inertia,
-                    lag_spread=0.0 if box.assumed else spreads.actuator_lag,
-                )
-            except ValueError as error:
-                return str(error)
+        try:
+            found = certify_made(
+                self.law,
+                vehicle,
+                moment=(L, M, N),
+                horizon=MINUTE_S,
+                inertia_spread=0.0 if box.assumed else spreads.inertia,
+                lag_spread=0.0 if box.assumed else spreads.actuator_lag,
+            )
+        except ValueError as error:
+            return str(error)
         bounds = [each for each in found.truth_deg or () if each is not None]
         if not found.proven or found.certified_fraction is None:
             return found.statement
@@ -433,12 +427,6 @@ def _law_of(campaign: Campaign) -> Law:
     law = campaign.laws[0]
     assert isinstance(law, Law)  # as this study makes it
     return law
-
-
-def _toward(from_deg: float) -> Vector:
-    """Return the unit vector N along which a wind from a bearing [deg] blows."""
-    bearing = math.radians(from_deg)
-    return -math.cos(bearing), -math.sin(bearing), 0.0
 
 
 def _finite(value: float) -> float | None:

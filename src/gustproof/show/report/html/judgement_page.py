@@ -181,10 +181,11 @@ def _flights(found: Judgement, better: Judgement | None) -> Iterator[ReportRun]:
         scenes.append(("where it fails", found.failure.scenario, found.failure.vehicle))
     for (which, law), (what, scenario, vehicle) in product(laws, scenes):
         if law.dt == scenario.dt:
-            yield _run(f"{which}{what}", law, scenario, vehicle, 1 if found.gust is None else found.gust.seed)
+            yield fly_run(f"{which}{what}", law, scenario, vehicle, 1 if found.gust is None else found.gust.seed)
 
 
-def _run(label: str, law: Law, scenario: Scenario, vehicle: Vehicle, seed: int) -> ReportRun:
+def fly_run(label: str, law: Law, scenario: Scenario, vehicle: Vehicle, seed: int) -> ReportRun:
+    """Return a flight for a page, flown now without messages."""
     return ReportRun(
         scenario=scenario,
         law=law,

@@ -9,40 +9,21 @@ import numpy as np
 
 from firmware_model.config.files import write_text
 from firmware_model.config.vehicle import Vehicle
-from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import Law
 from gustproof.show.report.html.charts import Chart, ChartGroup, ChartKind, Curve, CurveStyle
+from gustproof.show.report.html.judgement_page import fly_run
 from gustproof.show.report.html.marks import Mark
 from gustproof.show.report.html.markup import render_table
 from gustproof.show.report.html.page import render_page
-from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.wind_lines import describe_limit, title
 from gustproof.studies.wind_limit.wind_limit import WindLimit
-from gustproof.version import software_versions
 
 
 def write_wind_page(found: WindLimit, vehicle: Vehicle, law: Law, path: Path) -> None:
     """Write the page; the same limit gives the same bytes."""
-    run = _fly(found, vehicle, law)
+    run = fly_run("in this wind", law, found.shown_flight, vehicle, seed=1)
     page = render_page([run], title=f"Wind limit: {title(found)}", intro=_render_limit(found), first=[*_charts(found)])
     write_text(path, page)
-
-
-def _fly(found: WindLimit, vehicle: Vehicle, law: Law) -> ReportRun:
-    """Return the flight in the wind just above the limit, or in the strongest that was flown."""
-    scenario = found.shown_flight
-    return ReportRun(
-        scenario=scenario,
-        law=law,
-        vehicle=vehicle,
-        seed=1,
-        records=fly_direct(scenario, law, vehicle=vehicle, seed=1),
-        outcome=FlightOutcome.DONE,
-        message=FlightOutcome.DONE.value,
-        label="in this wind",
-        versions=software_versions(),
-    )
 
 
 def _render_limit(found: WindLimit) -> str:
