@@ -89,7 +89,7 @@ class Scenario:
     """Held on a test stand, as in the paper, free in attitude only; or in free flight."""
     altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
     """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
-    control_rate_hz: Annotated[int, Field(ge=10, le=1000)] = CONTROL_RATE_HZ
+    control_rate_hz: Annotated[int, Field(ge=10, le=2000)] = CONTROL_RATE_HZ
     """[Hz] samples and commands."""
     physics_rate_hz: Annotated[int, Field(ge=100, le=10000)] = 1000
     """[Hz] integration steps, a multiple of `control_rate_hz`."""
@@ -120,8 +120,6 @@ class Scenario:
     def _check_rates(self) -> Self:
         if self.physics_rate_hz % self.control_rate_hz:
             raise ValueError("physics_rate_hz must be a multiple of control_rate_hz")
-        if 1_000_000 % self.control_rate_hz:
-            raise ValueError("control_rate_hz must divide 1,000,000, so that stamps are whole microseconds")
         if self.free and self.physics_rate_hz < 500:
             raise ValueError("physics_rate_hz must be at least 500 in free flight, for the feet on the ground")
         if not self.samples:
@@ -224,7 +222,11 @@ class Scenario:
     @property
     def samples(self) -> int:
         """Number of samples of the flight."""
-        return round(self.duration_s * self.control_rate_hz)
+        return self.nearest_sample(self.duration_s)
+
+    def nearest_sample(self, time_s: float) -> int:
+        """Return the sample nearest to a time [s]."""
+        return round(time_s * 1e6 / self.sample_us)
 
     def window(self, requirement: Requirement) -> tuple[int, int]:
         """Return the first sample of a requirement's window, and the first after it."""
@@ -247,13 +249,23 @@ class Scenario:
 
     @property
     def sample_us(self) -> int:
-        """[us] from sample to sample."""
-        return 1_000_000 // self.control_rate_hz
+        """[us] from sample to sample, whole as in stamps: 3333 at 300 Hz."""
+        return round(1_000_000 / self.control_rate_hz)
 
     @property
     def dt(self) -> float:
         """[s] from sample to sample."""
-        return 1.0 / self.control_rate_hz
+        return sample_time(self.control_rate_hz)
+
+    @property
+    def physics_dt(self) -> float:
+        """[s] from integration step to integration step."""
+        return self.sample_us / (1_000_000 * (self.physics_rate_hz // self.control_rate_hz))
+
+
+def sample_time(rate_hz: float) -> float:
+    """Return the time [s] from sample to sample at a rate, of whole microseconds as stamps are: .003333 at 300 Hz."""
+    return round(1_000_000 / rate_hz) / 1_000_000
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

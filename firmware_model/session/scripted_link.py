@@ -43,7 +43,7 @@ class ScriptedLink:
         self._join_sample: int | None = None
         for item in scenario.event:
             if isinstance(item, ControllerEvent):
-                self._schedule_event(item, scenario.control_rate_hz)
+                self._schedule_event(item, scenario)
         self._arrival_us = 0  # model time at which the last sample reaches the controller
         self._newest_sent_us = self._newest_answer_us = -1  # stamps: newest sample sent, newest answered sample
         self._joined = self._controller_lost = False
@@ -117,16 +117,17 @@ class ScriptedLink:
         """Return the link's counters by direction."""
         return {"to_controller": self._to_controller.stats(), "to_vehicle": self._to_vehicle.stats()}
 
-    def _schedule_event(self, item: ControllerEvent, rate_hz: int) -> None:
-        self._events_at.setdefault(round(item.at_s * rate_hz), []).append(item)
+    def _schedule_event(self, item: ControllerEvent, scenario: Scenario) -> None:
+        begins = scenario.nearest_sample(item.at_s)
+        self._events_at.setdefault(begins, []).append(item)
         if isinstance(item, ModeChange):
             return
         away_s = item.for_s if isinstance(item, ControllerHang) else item.recovers_after_s
-        start_us = round(item.at_s * rate_hz) * self._sample_us
+        start_us = begins * self._sample_us
         if away_s is None:
             self._outages.append((start_us, NEVER_US))
             return
-        back = round((item.at_s + away_s) * rate_hz)
+        back = scenario.nearest_sample(item.at_s + away_s)
         self._outages.append((start_us, back * self._sample_us))
         if isinstance(item, ControllerKill):
             self._join_sample = back

@@ -191,7 +191,7 @@ def noise_mix(seed: int, turns: Sequence[NoiseRotation]) -> Array:
 
 def _pack_params(vehicle: Vehicle, scenario: Scenario, gusts: _Turbulence, gust_scale: float) -> Array:
     rows = (
-        body_params(vehicle, 1.0 / scenario.physics_rate_hz),
+        body_params(vehicle, scenario.physics_dt),
         gusts.dryden,
         _gyro_params(initial_plant(vehicle, scenario), scenario),
         stabilizer_params(vehicle, vehicle.stabilizer, scenario.dt),
@@ -231,7 +231,7 @@ def _changeable_params(plant: ChangingVehicle, scenario: Scenario) -> dict[int, 
     Springs of the feet, hover thrust and all gains stay as built.
     """
     weight = GROUND + field_offset(GroundParams, "weight")
-    body, gyro = body_params(plant.vehicle, 1.0 / scenario.physics_rate_hz), _gyro_params(plant, scenario)
+    body, gyro = body_params(plant.vehicle, scenario.physics_dt), _gyro_params(plant, scenario)
     rows = [(BODY, body), (GYRO, gyro), (ACTUATORS, plant.actuators), (weight, (plant.vehicle.mass * GRAVITY,))]
     rows += [(LOSS, loss_params(plant.vehicle.rotors, plant.health))]
     rows += [(_HEALTH + i * ROTOR_ROWS, (share,)) for i, share in enumerate(plant.health)]

@@ -25,6 +25,7 @@ from gustproof.flight.routes.loopback import fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.processes import fly
 from gustproof.law.form import Schedule, load_law
+from gustproof.law.resample import resample
 
 TWO_SECONDS = replace(load_scenario("paper"), duration_s=2.0)
 FREE = replace(
@@ -61,6 +62,17 @@ def test_events_and_winds_are_the_same_to_the_bit_on_every_route(law, air, trans
     assert direct.tobytes() != fly_direct(replace(scenario, event=()), flown, vehicle=airframe, seed=7).tobytes()
     assert fly_loopback(scenario, flown, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
     assert fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
+@pytest.mark.parametrize(("rate", "step_us"), [(300, 3333), (2000, 500)])
+def test_a_rate_beside_the_clock_of_stamps_is_the_same_to_the_bit_on_every_route(rate, step_us, tmp_path):
+    scenario = replace(TWO_SECONDS, duration_s=1.2, control_rate_hz=rate, physics_rate_hz=4 * rate, event=EVENTS)
+    law, airframe = resample(load_law("flagship"), rate), load_vehicle("paper")
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert set(np.diff(direct["time_us"])) == {step_us}
+    assert len(direct) == round(1.2e6 / step_us)
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 
 
 @pytest.mark.parametrize("scenario", [TWO_SECONDS, FREE], ids=["held", "free"])

@@ -51,7 +51,7 @@ def export(
     rate: Annotated[
         int | None,
         typer.Option(
-            callback=in_range(10, 1000),
+            callback=in_range(10, 2000),
             help="Resample the law to this rate [Hz], if its loop stays good [default: the law's; 250 for PX4 and the "
             "Crazyflie, 400 for ArduCopter].",
         ),

@@ -290,7 +290,7 @@ class _Search:
     ) -> None:
         self._autopilot, self._structure, self._slew = autopilot, structure, slew
         self._fixed = complete(self._autopilot, self._structure.fixed)
-        self._vehicle, self._rate = vehicles.nominal, float(scenario.control_rate_hz)
+        self._vehicle, self._rate, self._dt = vehicles.nominal, scenario.control_rate_hz, scenario.dt
         self._torque = torque
         self._axes = list(
             zip(*(axis_models(each, scenario) for each in (vehicles.nominal, *corner_vehicles(vehicles))), strict=True)
@@ -384,7 +384,7 @@ class _Search:
     def _evaluate(self, axis: int, values: Matrix) -> tuple[float, float, Matrix]:
         """Return error [rad], slew [N*m/s] and the logarithm of each plant's return difference on the grid."""
         names = (*self._structure.own[axis], *self._structure.shared)
-        controller = self._law(axis, dict(zip(names, values.tolist(), strict=True))).controller(1.0 / self._rate)
+        controller = self._law(axis, dict(zip(names, values.tolist(), strict=True))).controller(self._dt)
         with np.errstate(all="ignore"):
             error, slew = rms(self._axes[axis][0], controller)
         if not (math.isfinite(error) and math.isfinite(slew)):

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from firmware_model.config.scenario import sample_time
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, Matrix, RateLimit
 from gustproof.robust.lti.bilinear import tustin
@@ -18,6 +19,8 @@ from gustproof.robust.lti.state_space import Lti
 
 _TOLERANCE = 1e-9
 """[-] relative distance from the strapdown form that counts as rounding."""
+_FASTEST = 1e5
+"""[Hz] rate whose samples are ten microseconds."""
 _ATTITUDE, _RATE, _REST = slice(0, 3), slice(3, 6), slice(6, None)
 """States of a law on strapdown attitude."""
 
@@ -25,10 +28,12 @@ _ATTITUDE, _RATE, _REST = slice(0, 3), slice(3, 6), slice(6, None)
 def resample(law: Law, rate: float) -> Law:
     """Return the law at `rate` [Hz], named after it; at its own rate the law itself.
 
+    Samples last whole microseconds, as stamps do: 3333 at 300 Hz.
+
     Raises
     ------
     ValueError
-        If the rate is not positive and finite.
+        If the rate is not positive, or more than a clock of microseconds tells.
     DesignError
         If the law has a pole at -1, or its continuous origin one at twice the rate: there the rule is singular.
 
@@ -44,13 +49,13 @@ def resample(law: Law, rate: float) -> Law:
     >>> (faster.name, faster.dt)
     ('flagship-400hz', 0.0025)
     """
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise ValueError(f"the rate is {rate} Hz, must be positive and finite")
-    own = 1.0 / law.dt
-    if abs(rate - own) < _TOLERANCE * own:
+    if not 0.0 < rate <= _FASTEST:
+        raise ValueError(f"the rate is {rate} Hz, must be positive and at most {_FASTEST:g}")
+    own, dt = 1.0 / law.dt, sample_time(rate)
+    if abs(dt - law.dt) < _TOLERANCE * law.dt:
         return law
     strapdown = law.schedule is None and _is_strapdown(law)
-    moved = _resample_strapdown(law, 1.0 / rate) if strapdown else _resample_whole(law, 1.0 / rate)
+    moved = _resample_strapdown(law, dt) if strapdown else _resample_whole(law, dt)
     design = f"{law.provenance.design}; resampled from {own:g} Hz by Tustin's rule"
     return replace(
         moved, name=f"{law.name}-{rate:g}hz".replace(".", "_"), provenance=replace(law.provenance, design=design)

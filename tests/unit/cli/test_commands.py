@@ -443,7 +443,6 @@ def test_export_says_where_no_bound_of_rounding_is_proved(tmp_path, monkeypatch)
     ("arguments", "words"),
     [
         (["flagship", "--rate", "125", "-o", "law.c"], "poor at 125 Hz"),
-        (["flagship", "--rate", "333", "-o", "law.c"], "must divide 1,000,000"),
         (["flagship", "--vehicle", "paper", "-o", "law.c"], "--vehicle: belongs to --rate"),
         (["flagship", "--float32", "-o", "law.json"], "belong to a .c file"),
         (["flagship", "--attitude", "theirs", "-o", "law.c"], "must be one of own, autopilot"),

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 
 from firmware_model.config.firmware import ardupilot_full_torque, measured_torque
 from firmware_model.config.gyro_filters import ARDUPILOT_NOTCH, ARDUPILOT_NOTCHES, LOW_PASS_END, gyro_filters
+from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
@@ -93,8 +94,8 @@ def _full_torque(vehicle: Vehicle, parameters: Mapping[str, float]) -> Vector:
     return span * roll, span * pitch, span * yaw
 
 
-def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: float) -> LoopSignals:
-    name, dt = _NAMES[axis], 1.0 / rate_hz
+def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: int) -> LoopSignals:
+    name, dt = _NAMES[axis], sample_time(rate_hz)
     P, I, D, FF = (parameters[f"ATC_RAT_{name}_{gain}"] for gain in ("P", "I", "D", "FF"))  # noqa: E741
     to_target, to_error, to_slope = (
         smoothing(parameters[f"ATC_RAT_{name}_{key}"], rate_hz) for key in ("FLTT", "FLTE", "FLTD")

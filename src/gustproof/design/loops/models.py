@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from firmware_model.config.firmware import is_measured
 from firmware_model.config.parameter_files import SUFFIXES, read_parameters
+from firmware_model.config.scenario import sample_time
 from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
@@ -87,7 +88,7 @@ def autopilot_law(
         name or kind,
         _match(axes),
         vehicle,
-        1.0 / rate,
+        sample_time(rate),
         Provenance.of(
             vehicle,
             f"loops of {autopilot.name}, {autopilot.version}, at {rate} Hz",

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 
 from firmware_model.config.firmware import measured_torque, px4_full_torque
 from firmware_model.config.gyro_filters import gyro_filters
+from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
@@ -77,8 +78,8 @@ def _full_torque(vehicle: Vehicle, _: Mapping[str, float]) -> Vector:
     return measured_torque("px4", vehicle) or px4_full_torque(vehicle.rotors)
 
 
-def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: float) -> LoopSignals:
-    name, dt = _NAMES[axis], 1.0 / rate_hz
+def _build(axis: int, parameters: Mapping[str, float], full_torque: float, rate_hz: int) -> LoopSignals:
+    name, dt = _NAMES[axis], sample_time(rate_hz)
     P, I, D, K, FF = (parameters[f"MC_{name}RATE_{gain}"] for gain in ("P", "I", "D", "K", "FF"))  # noqa: E741
     loop = SampledAxisLoop(dt)
     omega = loop.rate

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
@@ -13,7 +14,7 @@ from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 
 _FEW = 4  # names that a remark lists
-_FASTEST, _CLOCK_HZ = 2000, 1_000_000  # [Hz] of loops that are judged; of the clock that their samples divide
+_FASTEST = 2000  # [Hz] of loops that are judged
 _BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
 _NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
 _TINY = 1e-9  # least value of what has no documented one
@@ -71,7 +72,7 @@ class AutopilotLoops(NamedTuple):
     """Regular expression of names among these that are not of the loops, or that remarks deal with."""
     full_torque: Callable[[Vehicle, Mapping[str, float]], Vector]
     """Vehicle and parameters to the torque [N*m] of a command of 1.0 about each axis: measured, or by the rotors."""
-    build: Callable[[int, Mapping[str, float], float, float], LoopSignals]
+    build: Callable[[int, Mapping[str, float], float, int], LoopSignals]
     """Axis 0 to 2, parameters, that torque [N*m] and the rate [Hz] to the loop."""
     thrust_steps: int
     """Steps from no thrust to the largest to which outputs are rounded in simulation; 0 if they are not rounded."""
@@ -93,7 +94,7 @@ class AutopilotLoops(NamedTuple):
     def find_rate(self, parameters: Mapping[str, float]) -> tuple[int, str]:
         """Return the rate [Hz] of the loops by their parameters, and a remark on it.
 
-        Samples are whole microseconds: 300 Hz is taken as 250, the next below.
+        Samples are whole microseconds: those of 300 Hz last 3333.
 
         Raises
         ------
@@ -106,8 +107,7 @@ class AutopilotLoops(NamedTuple):
             return self.rate_hz, f"{name}: not given, the loops are taken at {self.rate_hz} Hz"
         if not low <= given <= high:
             raise ConfigError(f"{name}: is {given:g}, must be {low:g} to {high:g}")
-        most = min(round(given), _FASTEST)
-        rate = next(each for each in range(most, 0, -1) if _CLOCK_HZ % each == 0)
+        rate = round(1.0 / sample_time(min(round(given), _FASTEST)))
         more = f", where {given:g} is given" if rate != given else ""
         return rate, f"{name}: the loops are taken at {rate} Hz{more}"
 

@@ -369,10 +369,11 @@ class ControllerEndpoint:
         A vehicle already in the mode that takes set-points has just lost its controller: no request is needed.
         """
         self._piloted, controller.interpolating = time_us > 0, self._time_runs
-        rate_hz = self._parameters.get(RATE_NAME)
-        if not self._time_runs and rate_hz is not None and rate_hz * self._dt != 1.0:
+        rate_hz, step_us = self._parameters.get(RATE_NAME), round(1e6 * self._dt)
+        # Stamps are whole microseconds: 3333 from one to the next at 300 Hz.
+        if not self._time_runs and rate_hz is not None and not abs(rate_hz * step_us - 1e6) <= 0.5 * rate_hz:
             text = f"law '{self._law.name}' steps every {self._dt} s, the vehicle samples at {rate_hz:g} Hz"
-            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {1.0 / self._dt:g}")
+            self._end(ControllerOutcome.WRONG_RATE, f"{text}: set {RATE_NAME} to {round(1.0 / self._dt)}")
             return
         if self._time_runs:
             self._request_navigation(self._navigation)

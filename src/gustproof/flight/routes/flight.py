@@ -330,9 +330,9 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
     """Return when the script kills the controller; `None` if it does not."""
     for item in scenario.event:
         if isinstance(item, ControllerKill):
-            away_s, rate_hz = item.recovers_after_s, scenario.control_rate_hz
-            restart = math.inf if away_s is None else round((item.at_s + away_s) * rate_hz)
-            return round(item.at_s * rate_hz), restart
+            away_s = item.recovers_after_s
+            restart = math.inf if away_s is None else scenario.nearest_sample(item.at_s + away_s)
+            return scenario.nearest_sample(item.at_s), restart
     return None
 
 

@@ -139,4 +139,4 @@ def _offboard_exits(changes: list[_Change]) -> set[_Change]:
 
 def _scripted_changes(scenario: Scenario) -> set[_Change]:
     changes = (item for item in scenario.event if isinstance(item, ModeChange))
-    return {(round(item.at_s * scenario.control_rate_hz), Mode[item.mode.upper()].value) for item in changes}
+    return {(scenario.nearest_sample(item.at_s), Mode[item.mode.upper()].value) for item in changes}

@@ -99,8 +99,6 @@ def resample_at_hover(law: Law, rate: int, vehicle: Vehicle, *, anyway: bool = F
     ValueError
         If the rate is none that a scenario may have.
     """
-    if 1_000_000 % rate:
-        raise ValueError(f"is {rate} Hz, must divide 1,000,000: a sample is a whole number of microseconds")
     scenarios = [hover_scenario(vehicle, hz) for hz in (round(1.0 / law.dt), rate)]
     moved = resample(law, rate)
     if law.output is not Output.TORQUE:

@@ -145,7 +145,7 @@ def contradict(document: Document, draw: random.Random) -> bytes:
         lambda: event[5].update(lag_s=1e-9),
         lambda: document.update(duration_s=1e-9),
         lambda: document.update(duration_s=1e300),
-        lambda: document.update(control_rate_hz=300, physics_rate_hz=900),
+        lambda: document.update(control_rate_hz=2001, physics_rate_hz=2001),
         lambda: document.update(physics_rate_hz=999),
         lambda: document.update(translation="free", control_rate_hz=100, physics_rate_hz=100),
     ]
