@@ -1,7 +1,25 @@
 """Design, prove and fly multirotor attitude control in gusts, over real MAVLink.
 
-The public API: each name in `__all__` has an example in its docstring, and is loaded when it is first used. Names and
-their modules stand in `__init__.pyi`, which type checkers read too (Scientific Python, SPEC 1).
+Examples
+--------
+Fly a gust with two laws, look at the flights, and ask what is expected of many:
+
+>>> from gustproof import fly_controller, load_law, load_scenario, load_vehicle, predict
+>>> gusts, vehicle = load_scenario("gust-roll"), load_vehicle("paper")
+>>> ours = fly_controller(gusts, load_law("flagship"), vehicle=vehicle)
+>>> theirs = fly_controller(gusts, load_law("pid-fair"), vehicle=vehicle)
+>>> ours.metrics.peak_deg < theirs.metrics.peak_deg
+True
+>>> picture = ours.plot(theirs)
+>>> table = ours.to_arrow()
+>>> expected = predict(load_law("flagship"), vehicle, load_scenario("paper-turbulence"))
+
+Notes
+-----
+A result shows itself when it is printed, and in a notebook. Each name in `__all__` has an example in its docstring.
+
+Names are loaded when they are first used. They and their modules stand in `__init__.pyi`, which type checkers read too
+(Scientific Python, SPEC 1).
 """
 
 from functools import cache

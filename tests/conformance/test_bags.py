@@ -228,9 +228,9 @@ def peak_mib():
 
 scenario, vehicle = load_scenario("gust-roll"), load_vehicle("paper")
 _, records = read_journal(Path(sys.argv[1]), sound=True)
-measure(records[:9], vehicle, scenario, 0.0), judge(records[:9], scenario, vehicle)
+measure(records[:9], vehicle, scenario), judge(records[:9], scenario, vehicle)
 before = peak_mib()
-measure(records, vehicle, scenario, 0.0), judge(records, scenario, vehicle)
+measure(records, vehicle, scenario), judge(records, scenario, vehicle)
 infer_outcome(records, scenario), describe_upsets(records, scenario, vehicle)
 write_bag(Path(sys.argv[2]), records, {})
 print(len(records), peak_mib() - before)

@@ -51,7 +51,7 @@ def flights(name: str) -> dict[str, dict[str, str]]:
         fly = fly_loopback if scenario.has_link_script else fly_direct
         records = fly(scenario, law, vehicle=vehicle, seed=1)
         journals[law.name] = digest(records.tobytes())
-        for figure, value in asdict(measure(records, vehicle, scenario, 0.0)).items():
+        for figure, value in asdict(measure(records, vehicle, scenario)).items():
             figures.setdefault(figure, {})[law.name] = value
     return {"journals": journals, "figures": {each: digest(json.dumps(values)) for each, values in figures.items()}}
 

@@ -32,6 +32,12 @@ def test_all_names_of_the_stub_can_be_imported(package: ModuleType, count: int) 
         assert getattr(package, public) is getattr(import_module(module), name)
 
 
+def test_help_begins_with_lines_that_work() -> None:
+    example = doctest.DocTestParser().get_doctest(str(gustproof.__doc__), {}, "gustproof", None, 0)
+    assert 7 <= len(example.examples) <= 10
+    assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
+
+
 def test_public_names_are_no_names_of_rooms() -> None:
     assert not set(NAMES) & {path.stem for path in PACKAGE.iterdir()}
 

@@ -76,7 +76,7 @@ law: Law = load_law("hinf-d1")
 load_law(1)  # type: ignore[arg-type]
 scenario, vehicle = load_scenario("paper"), load_vehicle("paper")
 records = fly_direct(scenario, law, vehicle=vehicle)
-rmse: float = measure(records, vehicle, scenario, realtime_factor=0.0).rmse_deg
+rmse: float = measure(records, vehicle, scenario).rmse_deg
 """
 
 

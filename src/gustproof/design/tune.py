@@ -36,6 +36,7 @@ from gustproof.flight.scoring.metrics import measure
 from gustproof.law.form import Law
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.robust.lti.state_space import Matrix
+from gustproof.robust.shown import Shown
 
 SENSITIVITY_PEAK = 1.4
 """[-] sensitivity peak if none is asked for."""
@@ -64,8 +65,8 @@ _ROUNDING = 1e-6
 Progress = Callable[[float, str], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Tuning:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Tuning(Shown):
     """A tuned law with its Ms, its slew and the least error at both."""
 
     kind: str
@@ -96,6 +97,19 @@ class Tuning:
     """[-] least destabilising factor above 1."""
     delay_margin: float
     """[s] least destabilising additional delay."""
+
+    def lines(self) -> list[str]:
+        """Return error, cost and margins."""
+        least = "" if self.least_rmse is None else f", the least of linear laws {math.degrees(self.least_rmse):.3g}"
+        spread = "" if self.off_nominal_Ms is None else f", {self.off_nominal_Ms:.3g} at the ends of the spreads"
+        return [
+            f"{self.law.name}, tuned for vehicle {self.vehicle} in {self.scenario}",
+            f"error: {math.degrees(self.rmse):.3g} deg rms expected{least}",
+            f"torque slew: {self.slew:.3g} N m/s rms, at most {self.limits.slew:.3g} wanted",
+            f"Ms: {self.Ms:.3g}, at most {self.limits.sensitivity_peak:.3g} wanted{spread}",
+            f"margins: phase {math.degrees(self.phase_margin):.3g} deg, gain {self.gain_margin:.3g} times, "
+            f"delay {1000.0 * self.delay_margin:.3g} ms",
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON values; the law by its name."""
@@ -531,7 +545,7 @@ def _tune_rates(task: TuningTask) -> Tuning:
         raise DesignError(f"no law of rates has a sensitivity peak of {peak} over rate loops of {lag:.3g} s")
     task.progress(0.8, "flights")
     flights = [
-        measure(fly_direct(task.scenario, law, vehicle=task.vehicle, seed=seed), task.vehicle, task.scenario, 0.0)
+        measure(fly_direct(task.scenario, law, vehicle=task.vehicle, seed=seed), task.vehicle, task.scenario)
         for seed in _SEEDS
     ]
     error, slew = (

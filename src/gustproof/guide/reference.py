@@ -209,17 +209,30 @@ def _message_fields(message: Any) -> str:
     return ", ".join(f"{name}{f' [{units[name]}]' if name in units else ''}" for name in message.fieldnames)
 
 
+_TASKS = {
+    "Synthesise": ("gustproof.robust", "gustproof.law.discretize", "gustproof.design.de"),
+    "Prove": ("gustproof.prove", "gustproof.checker", "gustproof.studies.worst_case"),
+    "Tune and judge": ("gustproof.design", "gustproof.studies.rate", "gustproof.airframe", "gustproof.logs"),
+    "Fly": ("firmware_model", "gustproof"),
+}
+"""Tasks, and the rooms whose public names serve each; the first that fits counts."""
+
+
 def python_api() -> str:
     """Return the reference of the public names of the package, from signatures and docstrings."""
-    names = sorted(set(dir(gustproof)) - {"__version__"}, key=str.lower)
+    sources = gustproof.stub_names("gustproof")  # type: ignore[attr-defined]
+    names = sorted(set(sources) - {"__version__"}, key=str.lower)
     parts = [
         "# Python API\n\nAll names are imported from `gustproof`. The examples are run by the tests. "
         "[The library page](library.md) shows a whole way through them.\n",
-        markdown_table(
-            ("name", "purpose"),
-            [(f"[`{name}`](#{name.lower()})", _first_line(getattr(gustproof, name))) for name in names],
-        ),
     ]
+    for task in reversed(_TASKS):
+        rows = [
+            (f"[`{name}`](#{name.lower()})", _first_line(getattr(gustproof, name)))
+            for name in names
+            if task == next(each for each, rooms in _TASKS.items() if sources[name][0].startswith(rooms))
+        ]
+        parts.append(f"**{task}**\n\n{markdown_table(('name', 'purpose'), rows)}")
     for name in names:
         value = getattr(gustproof, name)
         parts.append(f"## {name}\n\n```python\n{_signature(name, value)}\n```\n\n{_docstring(value.__doc__ or '')}")

@@ -36,6 +36,7 @@ from firmware_model.config.files import checked_name, list_shipped, parse_json, 
 from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle, vehicle_digest
 from firmware_model.errors import ConfigError
+from gustproof.robust.shown import Shown
 from gustproof.types import readonly_copy
 from gustproof.version import __version__
 
@@ -210,8 +211,8 @@ class Schedule:
     """(n, k) output of Delta to next state."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Law:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Law(Shown):
     """A discrete law of n states; matrices are checked on construction, then read-only.
 
     Raises
@@ -309,6 +310,20 @@ class Law:
         """True if the law turns by its own attitude estimate: it has exact kinematics of it, or a schedule."""
         return self.has_kinematics or self.schedule is not None
 
+    def lines(self) -> list[str]:
+        """Return what the law reads, commands and comes from; its matrices are attributes."""
+        limits = ", ".join(f"{limit:.3g}" for limit in self.limits)
+        unit, origin = "N m" if self.output is Output.TORQUE else "rad/s", self.provenance
+        reads = ["gyro", *["reference"] * self.takes_references, *["accelerometer"] * self.uses_accelerometer]
+        turns = f", scheduled on {', '.join(self.schedule.parameters)}" if self.schedule else ""
+        return [
+            f"law {self.name}",
+            f"commands: {self.output.value}, roll, pitch, yaw up to {limits} {unit}",
+            f"reads: {', '.join(reads)}, each {1000.0 * self.dt:g} ms",
+            f"states: {self.order}{', attitude by exact kinematics' if self.has_kinematics else ''}{turns}",
+            f"made: {origin.design}, for vehicle {origin.vehicle or 'unknown'}",
+        ]
+
     def to_dict(self) -> dict[str, Any]:
         """Return the law as JSON for `parse_law`; every number is kept to the bit."""
         return {
@@ -393,6 +408,20 @@ def parse_law(document: Any, source: str) -> Law:
         return _parse_law(document)
     except (ValueError, TypeError) as error:
         raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
+
+
+def find_vehicle(controller: Any, vehicle: Vehicle | None) -> Vehicle:
+    """Return the vehicle to fly: the given one, or the shipped one that a law was made for.
+
+    Raises
+    ------
+    ValueError
+        If none is given, and the controller is no law of a shipped one.
+    """
+    own = controller.provenance.shipped_vehicle if isinstance(controller, Law) else None
+    if vehicle is None and own is None:
+        raise ValueError(f"'{controller.name}' is a law of no shipped vehicle: vehicle must be given")
+    return load_vehicle(own) if vehicle is None and own is not None else vehicle  # type: ignore[return-value]
 
 
 def list_laws() -> tuple[str, ...]:

@@ -34,6 +34,7 @@ from gustproof.checker.flight_box import (
 from gustproof.checker.kernel_norms import LONGEST
 from gustproof.checker.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import Law, law_path, load_law
+from gustproof.robust.shown import Shown
 
 _ROUNDS = 400
 """Most rounds of growth; a box that has not settled by then counts as open."""
@@ -53,8 +54,8 @@ _FIRST_SAMPLES = 512
 """Simulated samples of the norms, doubled until the tail is bounded."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightCertificate:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class FlightCertificate(Shown):
     """A proven box of a flight, or the reason why there is none; all but the evidence is what the check says of it.
 
     Examples
@@ -100,6 +101,10 @@ class FlightCertificate:
             "truth_deg": self.truth_deg,
         }
         return name_verdict(figures, self.assumes) if self.proven else "NOT proven"
+
+    def lines(self) -> list[str]:
+        """Return the verdict and the claim, whose bounds are rounded up."""
+        return [self.verdict, f"claim: {self.statement}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as JSON values: evidence and checksum, no claim."""

@@ -300,7 +300,7 @@ def _fly_slew(controller: Controller, vehicle: Vehicle, scenario: Scenario, seed
         flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
         if flight.outcome is not FlightOutcome.DONE:
             raise DesignError(f"'{controller.name}' has no operating point on '{vehicle.name}': {flight.message}")
-        squares.append(measure(flight.records, vehicle, scenario, 0.0).torque_slew_rms ** 2)
+        squares.append(measure(flight.records, vehicle, scenario).torque_slew_rms ** 2)
     return math.sqrt(float(np.mean(squares)))
 
 

@@ -30,7 +30,7 @@ def flown(scenario: Scenario, law: str, seed: int = 1) -> np.ndarray:
 
 
 def figures(scenario: Scenario, law: str, seed: int) -> Metrics:
-    return measure(fly_direct(scenario, load_law(law), vehicle=VEHICLE, seed=seed), VEHICLE, scenario, 0.0)
+    return measure(fly_direct(scenario, load_law(law), vehicle=VEHICLE, seed=seed), VEHICLE, scenario)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -113,7 +113,7 @@ def test_the_readme_figures_beside_the_paper_are_flown() -> None:
     assert ours < 1.0
     scenario = load_scenario("paper-turbulence")
     flights = fly_both(scenario, vehicle)
-    d1, flagship = (measure(flights[law], vehicle, scenario, 0.0) for law in ("hinf-d1", "flagship"))
+    d1, flagship = (measure(flights[law], vehicle, scenario) for law in ("hinf-d1", "flagship"))
     assert f"error {flagship.rmse_deg:.2f}° instead of {d1.rmse_deg:.1f}°".replace(" 0.", " .") in readme
     assert f"slew {d1.torque_slew_rms:.1f} instead of {flagship.torque_slew_rms:.0f} N m/s" in readme
 

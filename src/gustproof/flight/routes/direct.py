@@ -18,7 +18,8 @@ from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
 from gustproof.flight.controllers.library import Library, call_step
 from gustproof.flight.controllers.stepper import CheckedStepper, StepError
-from gustproof.law.form import Law, Output
+from gustproof.flight.recording.flown import FlownRecords
+from gustproof.law.form import Law, Output, find_vehicle
 from gustproof.law.references import references
 from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
 
@@ -69,17 +70,23 @@ class _DirectFlight(NamedTuple):
 
 
 def fly_direct(
-    scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1, reference: Array | None = None
-) -> NDArray[np.void]:
+    scenario: Scenario,
+    law: Law,
+    *,
+    vehicle: Vehicle | None = None,
+    seed: int = 1,
+    reference: Array | None = None,
+) -> FlownRecords:
     """Fly a scenario without messages and return the journal's records (samples,) of its `record_type`.
 
-    `reference` (samples, 3) [rad] is the attitude phi, theta, psi to hold; the scenario's by default.
+    Without `vehicle` it is the shipped one that the law was made for. `reference` (samples, 3) [rad] is the attitude
+    phi, theta, psi to hold; the scenario's by default.
 
     Raises
     ------
     ValueError
         If the law's sample time is not the scenario's, the reference has another shape, or the script needs messages.
-        If a reference is not finite.
+        If a reference is not finite, or no vehicle is known.
 
     Examples
     --------
@@ -94,9 +101,9 @@ def fly_direct(
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     if not np.isfinite(reference).all():
         raise ValueError(f"reference is not finite from sample {int(np.argmin(np.isfinite(reference).all(axis=1)))} on")
-    flight = _make_flight(scenario, vehicle, seed, law)._replace(reference=reference)
+    flight = _make_flight(scenario, find_vehicle(law, vehicle), seed, law)._replace(reference=reference)
     _fly(flight)
-    return as_records(flight.records)
+    return FlownRecords.of(as_records(flight.records), law.name)
 
 
 def fly_library(

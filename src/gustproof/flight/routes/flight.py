@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pydantic_core import to_jsonable_python
@@ -26,21 +26,25 @@ from gustproof.flight.controllers.user_controller import (
     find_program,
     parse_controller_metadata,
 )
+from gustproof.flight.recording.flown import FlownRecords, Tabled
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.upsets import describe_upsets
 from gustproof.flight.scoring.estimator_view import EstimatorView, compare_estimates
 from gustproof.flight.scoring.metrics import Metrics, measure
-from gustproof.flight.scoring.requirements import RequirementResult, judge
+from gustproof.flight.scoring.requirements import RequirementResult, judge, requirement_label
 from gustproof.law.form import Law, doubt_vehicle, parse_law
 from gustproof.types import Records
 from gustproof.version import software_versions
+
+if TYPE_CHECKING:
+    import pyarrow
 
 KillSchedule = tuple[int, float]
 """Samples flown when the controller is killed, and when a spare one takes over; infinite if none does."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Flight:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Flight(Tabled):
     """Record of one flight; figures and requirements are computed at first use."""
 
     scenario: Scenario
@@ -139,6 +143,23 @@ class Flight:
             return known
         effect = "its attitude lacks the rotation in that time"
         return (*known, f"{missed} samples never came to law '{self.law.name}': {effect}")
+
+    def lines(self) -> list[str]:
+        """Return what flew, how it ended, its figures, and what of the scenario's requirements failed."""
+        met = [result for result in self.requirements if result.is_met]
+        failed = [requirement_label(each.requirement) for each in self.requirements if not each.is_met]
+        told = f"{len(met)} of {len(self.requirements)} met"
+        return [
+            f"{self.scenario.name}: {self.pilot_name} on vehicle {self.vehicle.name}, seed {self.seed}",
+            f"end: {self.message.rpartition(f'seed {self.seed}: ')[2]}",
+            *([] if self.metrics is None else self.metrics.lines()[1:]),
+            *([f"requirements: {'; failed: '.join([told, *failed])}"] if self.requirements else []),
+            *(f"warning: {line}" for line in self.warnings),
+        ]
+
+    def to_arrow(self) -> "pyarrow.Table":
+        """Return the samples as a table, see `FlownRecords.to_arrow`."""
+        return FlownRecords.of(self.records).to_arrow()
 
     def matches(self, scenario: str, law: str) -> bool:
         """Return whether this is a flight of `scenario` with `law`, whatever the seed."""

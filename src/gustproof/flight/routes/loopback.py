@@ -15,15 +15,18 @@ from firmware_model.types import NEVER_US
 from gustproof.flight.controllers.stepper import StepError
 from gustproof.flight.endpoint.core import Flown
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint
+from gustproof.flight.recording.flown import FlownRecords
 from gustproof.flight.routes.flight import kill_schedule
-from gustproof.law.form import Law
+from gustproof.law.form import Law, find_vehicle
 from gustproof.types import Array, Records
 
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 
-def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:
+def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle | None = None, seed: int = 1) -> FlownRecords:
     """Fly a scenario in lockstep, vehicle and controller in this process, and return the journal records (n,).
+
+    Without `vehicle` it is the shipped one that the law was made for.
 
     Examples
     --------
@@ -34,7 +37,8 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 
     >>> fly_loopback(scenario, law, vehicle=vehicle).tobytes() == fly_direct(scenario, law, vehicle=vehicle).tobytes()
     True
     """
-    return fly_by_messages(scenario, law, vehicle=vehicle, seed=seed)[0]
+    records, _ = fly_by_messages(scenario, law, vehicle=find_vehicle(law, vehicle), seed=seed)
+    return FlownRecords.of(records, law.name)
 
 
 def fly_by_messages(

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -32,7 +33,7 @@ from gustproof.flight.routes.outcome import FlightOutcome, blame_physics, descri
 from gustproof.flight.routes.programs import controller_command, describe_start, is_program, refine_outcome
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
-from gustproof.law.form import Law
+from gustproof.law.form import Law, find_vehicle
 
 WORKING_PREFIX = ".flight-"
 """Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
@@ -54,9 +55,9 @@ def fly(
     scenario: Scenario,
     controller: Controller,
     *,
-    vehicle: Vehicle,
+    vehicle: Vehicle | None = None,
     seed: int = 1,
-    out: Path,
+    out: Path | None = None,
     real_time: bool = False,
     default_ports: bool = True,
     progress: Callable[[float], None] | None = None,
@@ -65,7 +66,8 @@ def fly(
 ) -> Flight:
     """Fly a scenario with two processes, leave the journal in the folder `out`, and return the flight.
 
-    The journal's header holds the plan's metadata. With `tlog` the MAVLink traffic is left beside it.
+    Without `out` no file is left. Without `vehicle` it is the shipped one that the law was made for. The journal's
+    header holds the plan's metadata. With `tlog` the MAVLink traffic is left beside it.
 
     In lockstep the processes use a free port. In real time the vehicle uses its usual ones, so that ground stations can
     watch, unless `default_ports` is false. When the vehicle listens, `on_listening` is called with the ground stations'
@@ -76,21 +78,23 @@ def fly(
     ------
     ConfigError
         If the law steps at another rate than the scenario, a port is in use, or the journal or log exists already.
+    ValueError
+        If no vehicle is given, and the controller is no law of a shipped one.
 
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from gustproof import fly, load_law, load_scenario, load_vehicle
-    >>> scenario = replace(load_scenario("paper-turbulence"), duration_s=0.1)
-    >>> with TemporaryDirectory() as folder:
-    ...     flight = fly(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper"), out=Path(folder))
-    >>> (flight.outcome.name, len(flight.records))
-    ('DONE', 25)
+    >>> from gustproof import fly, load_law, load_scenario
+    >>> flight = fly(replace(load_scenario("paper-turbulence"), duration_s=0.1), load_law("hinf-d1"))
+    >>> (flight.outcome.name, flight.vehicle.name, len(flight.records))
+    ('DONE', 'paper', 25)
     """
-    plan = FlightPlan(scenario, controller, vehicle, seed, real_time)
-    return fly_plan(plan, out, default_ports=default_ports, progress=progress, tlog=tlog, on_listening=on_listening)
+    plan = FlightPlan(scenario, controller, find_vehicle(controller, vehicle), seed, real_time)
+    options: dict[str, Any] = {"default_ports": default_ports, "progress": progress, "on_listening": on_listening}
+    if out is not None:
+        return fly_plan(plan, out, tlog=tlog, **options)
+    with TemporaryDirectory(prefix="gustproof-") as folder:  # a long journal stays mapped after its file has gone
+        return replace(fly_plan(plan, Path(folder), **options), journal=None)
 
 
 def fly_plan(
@@ -169,7 +173,7 @@ def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
 def _load_scoring(plan: FlightPlan) -> None:
     """Load or compile the machine code that measures a flight, and judges it."""
     records = np.zeros(2, dtype=record_type(plan.vehicle.rotors.count))
-    measure(records, plan.vehicle, plan.scenario, 0.0)
+    measure(records, plan.vehicle, plan.scenario)
     judge(records, plan.scenario, plan.vehicle)
 
 

@@ -17,6 +17,7 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, put_vecto
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, record_blocks
 from firmware_model.types import Quaternion, Vector
 from gustproof.airframe.lpv import RATE_BOUND
+from gustproof.robust.shown import Shown
 from gustproof.types import Array, Records
 
 SETTLED_S = 2.0
@@ -24,15 +25,15 @@ SETTLED_S = 2.0
 _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Metrics:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Metrics(Shown):
     """Figures of one flight, or medians over seeds; over all three axes unless one is named.
 
     Examples
     --------
     >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure
     >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
-    >>> figures = measure(fly_direct(scenario, load_law("hinf-d1"), vehicle=vehicle), vehicle, scenario, 0.0)
+    >>> figures = measure(fly_direct(scenario, load_law("hinf-d1"), vehicle=vehicle), vehicle, scenario)
     >>> figures.peak_roll_deg > figures.peak_pitch_deg
     True
     """
@@ -66,7 +67,19 @@ class Metrics:
     rho_in_bounds: bool
     """True if rho stayed inside the paper's Table II: rates within 1.5 rad/s, roll and pitch within 90 deg."""
     realtime_factor: float
-    """[-] simulated time over wall time; the only figure that does not repeat."""
+    """[-] simulated time over wall time, the only figure that does not repeat; 0 if unknown."""
+
+    def lines(self) -> list[str]:
+        """Return the figures, three digits each."""
+        roll, pitch, yaw = self.peak_roll_deg, self.peak_pitch_deg, self.peak_yaw_deg
+        return [
+            "figures of a flight",
+            f"RMSE: {self.rmse_deg:.3g} deg"
+            f" (roll {self.rmse_roll_deg:.3g}, pitch {self.rmse_pitch_deg:.3g}, yaw {self.rmse_yaw_deg:.3g})",
+            f"peak: {self.peak_deg:.3g} deg (roll {roll:.3g}, pitch {pitch:.3g}, yaw {yaw:.3g})",
+            f"torque: rms {self.torque_rms_nm:.3g} N m, peak {self.torque_peak_nm:.3g} N m, "
+            f"slew rms {self.torque_slew_rms:.3g} N m/s, at a limit for {self.saturated_s:.3g} s",
+        ]
 
 
 _UNIT_ENDINGS = {"_deg": "deg", "_nm": "N m", "_slew_rms": "N m/s", "_s": "s"}
@@ -219,8 +232,10 @@ def _tally(rows: Array, first: int, limit: Array, dt: float, tally: Array) -> No
         tally_kernel(single(tally), first + k, single(limit), single(rows[k]), dt)
 
 
-def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float) -> Metrics:
+def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float = 0.0) -> Metrics:
     """Return the figures of one flight from its journal `records` (n,).
+
+    `realtime_factor` is kept as given: records do not tell it.
 
     Raises
     ------
@@ -232,7 +247,7 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
     >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure
     >>> vehicle, scenario = load_vehicle("paper"), load_scenario("gust-roll")
     >>> records = fly_direct(scenario, load_law("hinf-d1"), vehicle=vehicle)
-    >>> f"{measure(records, vehicle, scenario, realtime_factor=0.0).peak_deg:.1f} deg"
+    >>> f"{measure(records, vehicle, scenario).peak_deg:.1f} deg"
     '3.3 deg'
     """
     if len(records) < 2:
@@ -284,7 +299,7 @@ def median_metrics(flights: Sequence[Metrics]) -> Metrics:
     >>> from gustproof import fly_direct, load_law, load_scenario, load_vehicle, measure, median_metrics
     >>> vehicle, scenario, law = load_vehicle("paper"), load_scenario("paper-turbulence"), load_law("hinf-d1")
     >>> flights = (fly_direct(scenario, law, vehicle=vehicle, seed=seed) for seed in (1, 2, 3))
-    >>> figures = median_metrics([measure(records, vehicle, scenario, 0.0) for records in flights])
+    >>> figures = median_metrics([measure(records, vehicle, scenario) for records in flights])
     >>> f"{figures.rmse_deg:.2f} deg"
     '2.17 deg'
     """

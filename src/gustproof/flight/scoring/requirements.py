@@ -15,6 +15,7 @@ from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION, record_blocks
 from gustproof.flight.scoring.metrics import TALLY_SIZE, Tally, as_rows, maximum, tally_kernel
 from gustproof.law.references import references
+from gustproof.robust.shown import Shown
 from gustproof.types import Array, Records
 
 _LABELS = {
@@ -33,8 +34,8 @@ _LABELS = {
 """Name and unit of each metric."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RequirementResult:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RequirementResult(Shown):
     """Result of one requirement.
 
     Examples
@@ -65,6 +66,11 @@ class RequirementResult:
     def is_met(self) -> bool:
         """True if the value is between the limits."""
         return self.margin >= 0.0
+
+    def lines(self) -> list[str]:
+        """Return value, limits and result."""
+        limits, result = requirement_limits(self.requirement), "met" if self.is_met else "NOT met"
+        return [f"{requirement_label(self.requirement)} {self.value:.3g}, {limits}: {result}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON; NaN and infinite numbers become null."""

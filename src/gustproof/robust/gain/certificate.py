@@ -8,10 +8,11 @@ from typing import Any
 
 from firmware_model.config.files import write_text
 from gustproof.checker.evidence import FORMAT, seal
+from gustproof.robust.shown import Shown
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Certificate:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Certificate(Shown):
     """A proved gain of a closed loop, with the evidence for it; boxes of flights are `FlightCertificate`.
 
     `proven` is the verdict of the exact check, never that of a solver.
@@ -42,6 +43,10 @@ class Certificate:
     residual: float | None
     """[-] least eigenvalue or slack of the quantities that must be positive, in floating point; `None` without
     evidence."""
+
+    def lines(self) -> list[str]:
+        """Return the verdict and the claim."""
+        return ["proven" if self.proven else "NOT proven", f"claim: {self.statement}"]
 
     @property
     def is_whole(self) -> bool:

@@ -1,9 +1,8 @@
 """Time histories, loops and trade-offs as PNG, PDF or SVG. A law keeps its colour in every figure."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,13 +72,26 @@ HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = 
 def save_moments(records: Records, path: Path) -> None:
     """Draw the disturbance moments of one flight."""
     labels = tuple(f"{axis} moment [N m]" for axis in _AXES)
-    _draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments", path)
+    save_figure(_draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments"), path)
 
 
 def save_histories(kind: str, flights: Flights, title: str, path: Path) -> None:
     """Draw one of `HISTORIES` of several laws in the same air."""
+    save_figure(draw_histories(kind, flights, title), path)
+
+
+def draw_histories(kind: str, flights: Flights, title: str) -> Figure:
+    """Return the figure of one of `HISTORIES` of several laws.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind.
+    """
+    if kind not in HISTORIES:
+        raise ValueError(f"no kind {kind!r} of a figure: {', '.join(HISTORIES)}")
     heading, labels, values = HISTORIES[kind]
-    _draw_stacked(flights, values, labels, f"{heading}: {title}", path, closer=kind == "euler-angles")
+    return _draw_stacked(flights, values, labels, f"{heading}: {title}", closer=kind == "euler-angles")
 
 
 def save_scheduling(records: Records, law: str, path: Path) -> None:
@@ -200,6 +212,11 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
 
 
 def save_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency], path: Path) -> None:
+    """Write the figure of `draw_analysis`."""
+    save_figure(draw_analysis(analysis, robustness), path)
+
+
+def draw_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency] = ()) -> Figure:
     """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario.
 
     With the `robustness` of roll, pitch and yaw two panels show mu and the sensitivity over the spreads.
@@ -228,7 +245,21 @@ def save_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequen
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
         _style_axes(axes, label, title, "time [s]")
     flights[0].legend(frameon=False, fontsize=font_size(8))
-    save_figure(figure, path)
+    return figure
+
+
+def draw_distributions(campaign: str, values: Mapping[str, Mapping[str, Array]]) -> Figure:
+    """Draw, in a panel for each figure [its unit], the share of the cases at or below a value, for each law."""
+    figure = _new_figure((5.0 * len(values), 3.6), campaign)
+    for axes, (label, laws) in zip(panels(figure, 1, len(values)), values.items(), strict=True):
+        colours = _colours(laws)
+        for law, cases in laws.items():
+            known = np.sort(cases[np.isfinite(cases)])
+            shares = 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1)
+            axes.step(known, shares, where="post", color=colours[law], label=law)
+        _style_axes(axes, "share of the cases [%]", "", label)
+    figure.axes[0].legend(frameon=False, fontsize=font_size(9))
+    return figure
 
 
 def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S: Axes) -> None:
@@ -295,10 +326,9 @@ def _draw_stacked(
     values: Callable[[Records], Array],
     labels: tuple[str, ...],
     title: str,
-    path: Path,
     *,
     closer: bool = False,
-) -> None:
+) -> Figure:
     """Draw three axes below each other; of more than `_MOST_TRACES` flights the rms of each second, on a log axis.
 
     With `closer`, a second column then shows the flights of least rms as they are, on a scale of their own.
@@ -314,21 +344,22 @@ def _draw_stacked(
         _draw_column(rows[1::2], {law: flights[law] for law in least}, curves, labels, is_rms=False)
         rows[1].set_title(f"the {len(least)} of least rms, as flown", fontsize=font_size(10), color=_INK)
     if any(flights):
-        lines = [Line2D([], [], color=_colour(law), linewidth=2.0) for law in flights]
+        lines = [Line2D([], [], color=colour, linewidth=2.0) for colour in _colours(flights).values()]
         figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
-    save_figure(figure, path)
+    return figure
 
 
 def _draw_column(
     rows: Sequence[Axes], flights: Flights, curves: Mapping[str, Array], labels: tuple[str, ...], *, is_rms: bool
 ) -> None:
+    colours = _colours(flights)
     # The most agitated curve is drawn first, as it would hide the others.
     for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
         time, values = _time(flights[law]), curves[law]
         if is_rms:
             time, values = _rms_by_second(time, values)
         for axes, column in zip(rows, values.T, strict=True):
-            axes.plot(time, column, color=_colour(law), linewidth=1.0, label=law)
+            axes.plot(time, column, color=colours[law], linewidth=1.0, label=law)
     for axes, label in zip(rows, labels, strict=True):
         _style_axes(axes, label)
         if is_rms:
@@ -385,8 +416,18 @@ def _style_axes(axes: Axes, label: str, title: str = "", x_label: str = "") -> N
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _colour(law: str) -> Any:
-    return _COLOURS.get(law, _DEFAULT_COLOUR if law else "#0072b2")
+def _colour(law: str) -> str:
+    return _COLOURS.get(law, _DEFAULT_COLOUR if law else _CURVES[0])
+
+
+def _colours(laws: Iterable[str]) -> dict[str, str]:
+    """Return the colour of each law in one figure: laws of the user's own get those that no other has."""
+    found: dict[str, str] = {}
+    for law in laws:
+        own = _colour(law)
+        free = (own, _DEFAULT_COLOUR, *_CURVES, *_COLOURS.values())
+        found[law] = own if law in _COLOURS else next((each for each in free if each not in found.values()), own)
+    return found
 
 
 def _time(records: Records) -> Array:

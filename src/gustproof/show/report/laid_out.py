@@ -1,5 +1,6 @@
 """Figures whose parts are placed before they are drawn, once."""
 
+from io import BytesIO
 from typing import Any
 
 from matplotlib.backend_bases import RendererBase
@@ -24,3 +25,9 @@ class LaidOutFigure(Figure):
             engine.execute(self)
         else:
             super().draw(renderer)
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture that a notebook shows."""
+        with BytesIO() as file:
+            self.savefig(file, format="png", dpi=80)
+            return file.getvalue()

@@ -114,7 +114,7 @@ def _ratio(flown: Sequence[_Flown], first: Sequence[_Flown]) -> IntervalEstimate
 def _fly(scenario: Scenario, vehicle: Vehicle, controller: ExternalAutopilot | Law, seed: int) -> _Flown:
     if isinstance(controller, Law):
         records = fly_direct(scenario, controller, vehicle=vehicle, seed=seed)
-        return _make_row(records, measure(records, vehicle, scenario, 0.0), None)
+        return _make_row(records, measure(records, vehicle, scenario), None)
     with TemporaryDirectory() as folder:
         flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:

@@ -1,6 +1,7 @@
 """Fly a campaign on a pool of workers, and survive the death of workers."""
 
 import json
+import os
 from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
@@ -9,7 +10,7 @@ from typing import Any
 
 from gustproof.errors import FlightError
 from gustproof.flight.routes.kernels import LANES
-from gustproof.studies.campaign.executors import Pool
+from gustproof.studies.campaign.executors import Pool, process_pool
 from gustproof.studies.campaign.growth import take_runs
 from gustproof.studies.campaign.plan import Campaign, check_given
 from gustproof.studies.campaign.store import Store
@@ -25,7 +26,7 @@ _MAX_DEATHS = 2  # dead workers after which a run flown alone counts as the caus
 def fly_campaign(
     campaign: Campaign,
     output: Path,
-    pool: Pool,
+    pool: Pool | None = None,
     *,
     chunk_runs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -34,7 +35,8 @@ def fly_campaign(
 ) -> None:
     """Fly the runs still missing and write all runs as one Parquet file, one row per run.
 
-    `known` is the table of a smaller campaign, made larger by `grow_campaign`; its runs are not flown again.
+    Without `pool` the workers are one process a core. `known` is the table of a smaller campaign, made larger by
+    `grow_campaign`; its runs are not flown again.
 
     Tasks are chunks of `chunk_runs` runs, by default about a second of work; the file does not depend on it.
     `progress` receives the number of runs flown and the number to fly. The task of a dead worker is repeated. Bisection
@@ -64,6 +66,10 @@ def fly_campaign(
     >>> found.laws[0].figures["rmse_deg"].flown
     64
     """
+    if pool is None:
+        with process_pool(os.cpu_count() or 1) as pool:
+            fly_campaign(campaign, output, pool, chunk_runs=chunk_runs, progress=progress, task=task, known=known)
+        return
     with Store(output, campaign) as store:
         if known is not None:
             take_runs(known, campaign, store)

@@ -6,12 +6,13 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.requirement import Requirement
+from gustproof.flight.recording.flown import Tabled
 from gustproof.flight.routes.flight import warnings
 from gustproof.law.form import Law
 from gustproof.studies.campaign.intervals import (
@@ -29,6 +30,9 @@ from gustproof.studies.campaign.plan import Campaign
 from gustproof.studies.campaign.reader import open_table, read_campaign, read_column
 from gustproof.studies.campaign.worker import FIGURES, delta_column, requirement_columns
 from gustproof.types import Array
+
+if TYPE_CHECKING:
+    import pyarrow
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
 """Quantiles computed for each figure, by name."""
@@ -127,9 +131,9 @@ class LawComparison:
     """[-] J. Cohen's d_z, 1988: the difference over the standard deviation of the differences; NaN if all are equal."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CampaignStatistics:
-    """Statistics of a campaign."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class CampaignStatistics(Tabled):
+    """Statistics of a campaign; `plot` draws the distributions of RMSE and peak, or of the figures that are named."""
 
     table: Path
     """File of the campaign."""
@@ -152,6 +156,24 @@ class CampaignStatistics:
             if found.tilted
         )
         return (*known, *tilted)
+
+    def lines(self) -> list[str]:
+        """Return the median and the 95th percentile of error and slew, with intervals, and what failed, by law."""
+        campaign, shown = self.campaign, (("RMSE", "rmse_deg", "deg"), ("slew", "torque_slew_rms", "N m/s"))
+        lines = [f"{campaign.scenario.name}, vehicle {campaign.vehicles.nominal.name}: {campaign.cases:,} cases"]
+        for found in self.laws:
+            for label, name, unit in shown:
+                median, high = (found.figures[name].quantiles[each] for each in ("median", "p95"))
+                lines.append(
+                    f"{found.law}, {label}: median {median.value:.3g} ({median.low:.3g} to {median.high:.3g}), "
+                    f"95th percentile {high.value:.3g} ({high.low:.3g} to {high.high:.3g}) {unit}"
+                )
+            lines += [f"{found.law}, failed: {found.failed} runs"] if found.failed else []
+        return [*lines, *(f"warning: {line}" for line in self.warnings)]
+
+    def to_arrow(self) -> "pyarrow.Table":
+        """Return the rows of the campaign, one a run, units by their names."""
+        return open_table(self.table).read()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the statistics as JSON values; numbers that are not finite become null."""

@@ -21,8 +21,9 @@ from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
-from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
+from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.kernels import LANES
 from gustproof.flight.routes.outcome import ENTRY_FAILURES, FlightOutcome
 from gustproof.flight.scoring.metrics import FIGURE_UNITS, Metrics, measure
@@ -136,13 +137,13 @@ def _make_simulator(campaign: Campaign, law: AnyController) -> Simulator:
         script, flight = case.apply_to(scenario), _fly_alone(campaign, law, case)
         if flight.outcome in ENTRY_FAILURES or flight.outcome is FlightOutcome.DIVERGED:
             raise ValueError(flight.message)
-        metrics = measure(flight.records, case.vehicle, script, 0.0)
+        metrics = measure(flight.records, case.vehicle, script)
         return CaseResult(metrics=metrics, requirements=judge(flight.records, script, case.vehicle))
 
     return lambda cases: [fly(case) for case in cases]
 
 
-def _fly_alone(campaign: Campaign, controller: Controller, case: Case) -> ControllerFlight:
+def _fly_alone(campaign: Campaign, controller: Controller, case: Case) -> Flight:
     """Return the flight of a case; the maker of an entry gets the nominal vehicle."""
     script, nominal = case.apply_to(campaign.scenario), campaign.vehicles.nominal
     return fly_controller(script, controller, vehicle=case.vehicle, seed=case.seed, nominal=nominal)

@@ -11,6 +11,7 @@ from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenar
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import MomentStep
 from gustproof.design.derive import margins_to_dict
+from gustproof.flight.recording.flown import Drawn
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import Metrics, measure
 from gustproof.law.form import Law, Output
@@ -27,8 +28,8 @@ _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Analysis:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Analysis(Drawn):
     """Linear figures of the loop at hover, and flights on the direct route."""
 
     law: Law
@@ -59,6 +60,11 @@ class Analysis:
     """Figures of the same flight with a noiseless gyro."""
     noise_alone: Metrics
     """Figures of the same flight in still air."""
+
+    def lines(self) -> list[str]:
+        """Return the flight's figures and the limits of the law."""
+        figures, title = self.metrics.lines()[1:], f"{self.law.name} in {self.scenario.name}, seed {self.seed}"
+        return [title, *figures, *self.limits()]
 
     def limits(self) -> tuple[str, ...]:
         """Return the limits of the law, in words, the largest share of the error first."""
@@ -138,7 +144,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         step_records=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         records=records,
-        metrics=measure(records, vehicle, scenario, 0.0),
+        metrics=measure(records, vehicle, scenario),
         gust_alone=_measure_flight(quiet, law, vehicle, seed),
         noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
@@ -243,7 +249,7 @@ def _describe_rate_limit(law: Law) -> str:
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
-    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, 0.0)
+    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario)
 
 
 def pole_pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:

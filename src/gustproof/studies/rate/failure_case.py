@@ -122,8 +122,8 @@ def fly_failure(
         change=change,
         scenario=script,
         vehicle=vehicle,
-        figures=measure(fly_direct(script, law, vehicle=vehicle, seed=seed), vehicle, script, 0.0),
-        nominal=measure(fly_direct(scenario, law, vehicle=nominal, seed=seed), nominal, scenario, 0.0),
+        figures=measure(fly_direct(script, law, vehicle=vehicle, seed=seed), vehicle, script),
+        nominal=measure(fly_direct(scenario, law, vehicle=nominal, seed=seed), nominal, scenario),
     )
 
 

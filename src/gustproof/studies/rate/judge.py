@@ -27,6 +27,7 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.prove.boundedness import FlightCertificate, certify_made
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
+from gustproof.robust.shown import Shown
 from gustproof.studies.rate.advice import Advice, advise, autopilot_kind
 from gustproof.studies.rate.failure_case import LOST_DEG, FailureCase, fly_failure, nearest_instability, spectral_radius
 from gustproof.studies.rate.plant_box import PlantBox, describe_vehicle, plant_box
@@ -84,8 +85,8 @@ class AxisJudgement:
     """[N*m/s] predicted rms torque slew."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judgement:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Judgement(Shown):
     """Verdict on a law, with its evidence.
 
     Examples
@@ -132,6 +133,22 @@ class Judgement:
     """Nearest unstable case, flown; `None` if none was found."""
     advice: tuple[Advice, ...]
     """Changes of an autopilot's parameters that matter most; empty for another law."""
+
+    def lines(self) -> list[str]:
+        """Return the verdict with its reasons, margins, error, the worst gust and the proof."""
+        spread = "proved" if self.is_proved else "sampled"
+        return [
+            f"{self.law.name} on vehicle {self.vehicle.name}: {self.verdict.value}",
+            *(f"reason: {reason}" for reason in self.reasons),
+            *([] if self.Ms is None else [f"Ms: {self.Ms:.3g}, {self.Ms_over_spreads:.3g} over the spreads, {spread}"]),
+            *(
+                []
+                if self.predicted is None
+                else [f"error: {self.rmse_deg:.3g} deg rms expected, slew {self.slew:.3g} N m/s"]
+            ),
+            *([] if self.gust is None else [f"worst gust found: {self.gust.peak_deg:.3g} deg"]),
+            *([] if self.proof is None else [f"{self.proof.verdict}: {self.proof.statement}"]),
+        ]
 
     @property
     def Ms(self) -> float | None:

@@ -20,10 +20,12 @@ from firmware_model.config.waveforms import Dryden, Moment, MomentSine, MomentSq
 from firmware_model.types import Vector
 from gustproof.design.loops.models import is_own_loop
 from gustproof.flight.controllers.user_controller import Controller
-from gustproof.flight.routes.controllers import ControllerFlight, fly_controller
+from gustproof.flight.routes.controllers import fly_controller
+from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import attitude, measure
 from gustproof.law.form import Law
+from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.uncertainty import Spreads
 from gustproof.studies.worst_case.starts import (
     AMPLITUDES,
@@ -52,8 +54,8 @@ _MAX_SWITCHES = 30  # square waves cover loops that ring for longer
 _LOCAL_SHARE = 0.5  # of the flights left after the starts; the rest goes to the best two
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorstCase:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class WorstCase(Shown):
     """The worst flight of a search.
 
     Examples
@@ -82,6 +84,16 @@ class WorstCase:
     """[deg] peak at the starting point."""
     flights: int
     """Number of simulated flights."""
+
+    def lines(self) -> list[str]:
+        """Return the peak and what causes it."""
+        roll, pitch, yaw = self.peaks_deg
+        return [
+            f"{self.scenario.name}: the worst of {self.flights} flights",
+            f"peak: {self.peak_deg:.3g} deg (roll {roll:.3g}, pitch {pitch:.3g}, yaw {yaw:.3g})",
+            f"start: {self.start}, where the peak was {self.start_deg:.3g} deg",
+            f"linear bound: {self.linear_deg:.3g} deg with the nominal vehicle at hover",
+        ]
 
 
 class _Candidate(NamedTuple):
@@ -136,7 +148,7 @@ def peaks_deg(records: Records, scenario: Scenario, vehicle: Vehicle) -> Vector:
     """Return the largest magnitudes [deg] of phi, theta, psi; infinite after a flight that diverged or broke off."""
     if len(records) < scenario.samples:
         return (math.inf, math.inf, math.inf)
-    flown = measure(records, vehicle, scenario, realtime_factor=0.0)
+    flown = measure(records, vehicle, scenario)
     phi, theta, psi = np.nan_to_num((flown.peak_roll_deg, flown.peak_pitch_deg, flown.peak_yaw_deg), nan=math.inf)
     return float(phi), float(theta), float(psi)
 
@@ -215,7 +227,7 @@ class _Search:
             flights=self._n_flights,
         )
 
-    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> ControllerFlight:
+    def _fly(self, scenario: Scenario, vehicle: Vehicle) -> Flight:
         self._n_flights += 1
         self._progress(min(self._n_flights / self._flights, 1.0))
         return fly_controller(scenario, self._law, vehicle=vehicle, seed=self._seed, nominal=self._vehicle)

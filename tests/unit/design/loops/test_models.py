@@ -441,7 +441,7 @@ def test_a_flight_of_the_law_is_as_predicted(kind: str) -> None:
     law = autopilot_law(kind, {}, VEHICLE).law
     predicted = predict(law, VEHICLE, script)
     assert predicted is not None
-    flown = [measure(fly_direct(script, law, vehicle=VEHICLE, seed=seed), VEHICLE, script, 0.0) for seed in range(1, 5)]
+    flown = [measure(fly_direct(script, law, vehicle=VEHICLE, seed=seed), VEHICLE, script) for seed in range(1, 5)]
     assert np.mean([each.torque_slew_rms for each in flown]) == pytest.approx(predicted.slew, rel=0.05)
     error = math.degrees(predicted.rmse)
     assert math.sqrt(np.mean([each.rmse_deg**2 for each in flown])) == pytest.approx(error, rel=0.15)

@@ -78,7 +78,7 @@ def one_by_one(scenario, law, many):
     for case in many:
         flown = case.apply_to(scenario)
         records = fly_direct(flown, law, vehicle=case.vehicle, seed=case.seed)
-        yield measure(records, case.vehicle, flown, 0.0), judge(records, flown, case.vehicle)
+        yield measure(records, case.vehicle, flown), judge(records, flown, case.vehicle)
 
 
 def assert_same(scenario, law, many):

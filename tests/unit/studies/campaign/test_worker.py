@@ -28,7 +28,7 @@ def test_a_row_is_what_the_flight_alone_leaves(planned):
     case = campaign.make_case(campaign.draw_deltas(3, 1)[0].tolist(), campaign.flight_seeds(3, 1)[0])
     scenario = case.apply_to(campaign.scenario)
     records = fly_direct(scenario, campaign.laws[1], vehicle=case.vehicle, seed=case.seed)
-    figures = measure(records, case.vehicle, scenario, 0.0)
+    figures = measure(records, case.vehicle, scenario)
     assert [row[name] for name in FIGURES] == [getattr(figures, name) for name in FIGURES]
     required = judge(records, scenario, case.vehicle)
     assert [row["require_0_rho_share"], row["require_1_saturated_s"]] == [result.value for result in required]
@@ -108,7 +108,7 @@ def test_an_entry_flies_beside_laws_and_its_failures_are_results(planned, tmp_pa
     flight = fly_controller(
         again.scenario, again.controller, vehicle=again.vehicle, seed=again.seed, nominal=again.nominal
     )
-    figures = measure(flight.records, again.vehicle, again.scenario, 0.0)
+    figures = measure(flight.records, again.vehicle, again.scenario)
     assert figures.rmse_deg == rows[failed.index(False)]["rmse_deg"]
     (tmp_path / "mine.py").write_text(LOSES_ITSELF + "\n")
     with pytest.raises(ConfigError, match=r"campaign: controller .* has changed"):
