@@ -43,7 +43,7 @@ def filter_command(log: FlightLog) -> FlightLog:
 def _pass_through(signal: LogSignal, filters: list[Biquad], step: float) -> LogSignal:
     """Return a signal that is held between its samples behind filters that run each `step` [s]."""
     time = np.arange(signal.time[0], signal.time[-1] + _FINER * step, step)
-    held = np.maximum(np.searchsorted(signal.time, time + 1e-3 * step, side="right") - 1, 0)
+    held = np.searchsorted(signal.time, time + 1e-3 * step, side="right") - 1
     begins = np.minimum(np.searchsorted(time + 1e-3 * step, signal.time), len(time) - 1)
     columns = [_mean_between(run_filters(column[held], filters), begins) for column in signal.values.T]
     return LogSignal(time=signal.time, values=np.column_stack(columns))

@@ -35,3 +35,16 @@ def test_the_law_commands_its_reference_against_its_attitude():
     command = law.C @ np.concatenate([attitude, np.zeros(3)]) + law.D[:, 3:] @ reference
     assert command == pytest.approx(reference - 0.5 * attitude)
     assert np.array_equal(law.G[:3], DT * np.eye(3))
+
+
+def test_sines_turn_the_vehicle_little_and_their_sum_peaks_low():
+    """No sine turns it by more than .06 rad, or faster than .1 rad/s: .06 rad of the two below 1.67 rad/s."""
+    added = np.array([rates for _, rates in _excitation()])[:, 0]
+    periods = added[750:5750]  # two of 10 s, after 3 s
+    size = np.abs(np.fft.rfft(periods)) / 2500.0
+    lines = np.flatnonzero(size > 1e-9)
+    assert lines.tolist() == [4, 6, 10, 16, 26, 42, 68, 110]  # of 20 s
+    omega = lines * 2.0 * np.pi / 20.0
+    assert size[lines] == pytest.approx(np.where(omega < 1.67, 0.06 * omega, 0.1))
+    assert np.max(np.abs(periods)) == pytest.approx(0.5794925)  # phases after Schroeder; alike they add up to .775
+    assert _excitation_law().limits.tolist() == [1.0] * 3

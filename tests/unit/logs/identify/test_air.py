@@ -116,6 +116,8 @@ def test_the_disturbance_of_a_flight_is_found(perfect, log_of):
     truth = disturbance(records)[np.rint(air.time / 0.004).astype(int)]
     assert air.acceleration.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
     assert np.all(np.abs(decibels(air.acceleration.std(axis=0) / truth.std(axis=0))) < 2.0)
+    found = air.wind_speed_20ft, air.airspeed, air.yaw_ratio, len(air.omega)
+    np.testing.assert_allclose(found, (15.03683, 13.06677, 0.3538598, 1699), rtol=1e-3)  # by priors and segments
     for k, least in enumerate((0.95, 0.98, 0.85)):
         assert np.corrcoef(air.acceleration[:, k], truth[:, k])[0, 1] > least
 

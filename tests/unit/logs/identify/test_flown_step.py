@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gustproof.logs.identify.flown_step import Loop, flown_steps
+from gustproof.logs.identify.flown_step import FlownStep, Loop, flown_steps
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 
 DT, SECONDS = 0.002, 60.0
@@ -94,3 +94,52 @@ def test_what_is_not_logged_or_too_slow_is_told():
     assert "SDLOG_PROFILE" in reasons[1]
     short = replace(log, airborne=((0.0, 8.0),))
     assert flown_steps(short)[1][0] == "roll rate: too short: 12 s in the air are needed"
+
+
+def test_settings_of_the_fit_and_of_its_interval_stay():
+    """Ridge, memory, blocks, draws and widths are settled by simulations: these numbers move with each of them."""
+    told, _ = flown_steps(replace(flight(0, sticks=True), airborne=((0.0, 33.5),)))
+    found = [[each.value[k], each.low[k], each.high[k]] for each in told for k in (5, 15, 30)]
+    assert [len(each.time) for each in told] == [31, 31]
+    rate = [0.401006, 0.345685, 0.441244], [0.919466, 0.75972, 1.05057], [1.05503, 0.770969, 1.22152]
+    attitude = [0.361541, 0.305557, 0.427418], [1.02784, 0.898817, 1.144], [0.866616, 0.61228, 1.06803]
+    np.testing.assert_allclose(found, [*rate, *attitude], rtol=1e-4)
+    bands = (1.570796, 40.05531), (1.570796, 3.141593)
+    assert [each.band for each in told] == [pytest.approx(band, rel=1e-5) for band in bands]
+
+
+def test_close_set_points_are_fitted_by_thirty_samples():
+    log = flight(0, sticks=True)
+    close = np.interp(log.gyro.time, log.rate_reference.time, log.rate_reference.values[:, 0])
+    close = replace(log.gyro, values=np.column_stack([close, 0.0 * close, 0.0 * close]))
+    told = flown_steps(replace(log, rate_reference=close, airborne=((0.0, 33.5),)))[0][0]
+    np.testing.assert_allclose([told.value[20], told.low[20], told.high[20]], [0.647384, 0.546415, 0.693773], rtol=1e-4)
+
+
+def test_angles_beyond_half_a_turn_answer_alike():
+    log = flight(0, sticks=True)
+    turned = {name: getattr(log, name) for name in ("attitude", "reference")}
+    turned = {name: replace(each, values=np.angle(np.exp(1j * (each.values + 3.1)))) for name, each in turned.items()}
+    (_, straight), (_, beyond) = flown_steps(log)[0], flown_steps(replace(log, **turned))[0]
+    assert beyond.value == pytest.approx(straight.value, abs=1e-6)
+
+
+def test_a_response_is_told_by_when_it_is_reached():
+    values, time = np.array([0.5, 0.7, 1.1]), np.array([0.01, 0.02, 0.03])
+    step = FlownStep(loop=Loop.RATE, axis=1, time=time, value=values, low=values, high=1.1 * values, band=(1.6, 38.0))
+    told = "half after 10 ms, 90 % after 25 ms, peak 1.10 (at most 1.21); coherent from 1.6 to 38 rad/s"
+    assert step.describe() == f"pitch rate: {told}"
+    assert "never reaches half, never 90 %" in replace(step, value=0.4 * values).describe()
+
+
+@pytest.mark.parametrize(("until", "short"), [(15.2, True), (15.3, False)])
+def test_six_blocks_are_enough(until, short):
+    log = replace(flight(0, sticks=True), airborne=((0.0, until),))
+    assert ("too short: 12 s" in flown_steps(log)[1][0]) is short
+
+
+@pytest.mark.parametrize(("moved", "told"), [(0.9e-6, "does not move"), (1.1e-6, "the response is")])
+def test_a_set_point_moves_from_a_millionth_on(moved, told):
+    log = flight(7, sticks=False)
+    values = moved * np.sqrt(2.0) * np.sin(20.0 * log.rate_reference.time)[:, None] * np.ones(3)
+    assert told in flown_steps(replace(log, rate_reference=replace(log.rate_reference, values=values)))[1][0]

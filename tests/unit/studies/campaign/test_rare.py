@@ -80,7 +80,11 @@ def test_an_estimate_is_repeated_to_the_bit(planned, here, known, monkeypatch):
     plan, event = planned(wanted=GUST, laws=("hinf-d1",), cases=1), Threshold("peak_deg", 2.0)
     found, shown = estimate_rare(plan, event, here), []
     assert estimate_rare(plan, event, here, progress=shown.append) == found
-    assert all(0.0 < each <= 1.0 for each in shown)
+    assert shown == pytest.approx([0.25, 0.5, 0.75, 1.0])
+    settled = 0.016743978, 0.0106295602, 0.0266369697, 0.6725794377, 1.464299291, 4.268716426
+    assert (*found.probability, *found.levels, found.hits[0].value) == pytest.approx(settled)
+    assert (found.flights, found.hits[0].turns[-1].angle_rad) == (1453, pytest.approx(0.8679033))
+    assert len({hit.seed >> 28 for hit in found.hits}) == 3  # each ensemble has a part of all seeds
     assert estimate_rare(replace(plan, seed=2), event, here).probability != found.probability
 
 

@@ -17,6 +17,13 @@ def test_any_stretch_can_be_drawn_alone(sampling):
     assert np.array_equal(np.vstack(parts), whole)
 
 
+def test_the_draws_of_tables_that_are_written_stay():
+    """A run is flown again from seed and number alone, by a later version too."""
+    drawn = [draw_deltas(kind, 3, 100, 5, 40, 1)[0, 4] for kind in Sampling]
+    assert drawn == pytest.approx([-0.0035553891686813, -0.0014813345974533, -0.2700355538916868, -0.045014725998044])
+    assert (flight_seeds(5, 7, 1), draw_normals(3, 5, 40, 1)[0, 4]) == ([1608096995], pytest.approx(-0.0044560342554))
+
+
 @pytest.mark.parametrize("sampling", Sampling)
 def test_deltas_fill_their_range_and_depend_on_the_seed(sampling):
     drawn = all_of(sampling)
