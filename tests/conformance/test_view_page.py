@@ -164,9 +164,36 @@ def assert_age_is_the_recordings(browser, flight: Flight) -> None:
     until(lambda: text(browser, "age") == f"{oldest[-1]:g} ms old", "the age is told")
 
 
+def set_speed(browser, speed: str) -> None:
+    browser.run(f"speed.value = '{speed}', speed.dispatchEvent(new Event('change'))")
+
+
+def assert_is_played_at_the_clocks_pace(browser) -> None:
+    """Samples that came long ago are shown no faster than they were flown, and what comes is not told before."""
+    until(lambda: phase(browser) == "over" and browser.run("gustproof.shown.t > 0"), "it is played")
+    state = "[performance.now() / 1000, gustproof.shown.t, gustproof.rows.attitude.at(-1)[0]]"
+    (begun_s, from_s, last_s), later = browser.run(state), f"gustproof.shown.t > {0.3 + browser.run(state)[1]}"
+    assert from_s < last_s
+    assert text(browser, "phase") == "flying"
+    assert browser.run("lights.querySelectorAll('.dark').length") == 2
+    until(lambda: browser.run(later), "it goes on")
+    now_s, to_s, _ = browser.run(state)
+    assert to_s - from_s <= now_s - begun_s + 0.3  # two frames apart, on a busy machine
+
+
+def assert_can_be_played_again(browser, flight: Flight) -> None:
+    browser.run("scrub.value = 1.5, scrub.dispatchEvent(new Event('input'))")
+    until(lambda: browser.run("gustproof.shown.t") == 1.5, "the time is chosen")
+    assert browser.run("gustproof.shown.q") == pytest.approx(flight.records["q_NB"][375].tolist(), abs=2 * RESOLUTION)
+    set_speed(browser, "4")
+    click(browser, "pause")
+    until(lambda: browser.run("gustproof.shown.t > 1.5 && !gustproof.play.on"), "it has been played")
+    set_speed(browser, "Infinity")
+
+
 def told_angles(browser) -> np.ndarray:
     words = text(browser, "angles").replace("−", "-").replace("°", "").split()
-    return np.array([float(word) for word in words[1::2]])
+    return np.array([float(word.rstrip(",")) for word in words[1:6:2]])
 
 
 def fly_another_law(browser, flight: Watched) -> None:
@@ -196,7 +223,8 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         until(lambda: phase(browser) == "ready", "the page is ready")
         click(browser, "start")
         click(browser, "start")
-        until(lambda: phase(browser) == "over", "the flight is over")
+        assert_is_played_at_the_clocks_pace(browser)
+        set_speed(browser, "Infinity")
         flown = flight.flown()
         assert flown.outcome is FlightOutcome.DONE
         assert len(browser.run("gustproof.rows.attitude")) == 200
@@ -205,11 +233,9 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         assert text(browser, "age") == "16 ms old"
         for canvas in ("#vehicle", "#horizon", *(f"#charts figure:nth-child({n}) canvas" for n in range(1, 6))):
             until(lambda canvas=canvas: drawn(browser, canvas) > 20, f"{canvas} is drawn")
-        assert browser.run("[...document.querySelectorAll('#lights li')].map((light) => light.className)") == [
-            "held",
-            "failed",
-        ]
+        assert browser.run("[...lights.children].map((light) => light.className)") == ["held", "failed"]
         assert text(browser, "mode").startswith("OFFBOARD")
+        assert_can_be_played_again(browser, flown)
         assert browser.run("gustproof.shown.frames") > 0
         fly_another_law(browser, flight)
         browser.look_at(flight.page.address, "live", tmp_path, axe)

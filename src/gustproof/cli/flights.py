@@ -1,7 +1,9 @@
 """Flights of a command: one, or on a page one after another; and what a recorded one needs to be flown again."""
 
+import os
 import shlex
 import sys
+import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
@@ -40,6 +42,7 @@ Same = Annotated[
         "--controller", help="The controller of your own that flew: no recording starts one.", show_default=False
     ),
 ]
+_COMPILING_S = 30  # on two cores of 2024
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 
 
@@ -108,7 +111,9 @@ class Session:
         names = [_controller_name(plan) for plan in self._plans]
         with LivePage(first.scenario, names, first.vehicle, real_time=first.real_time) as page:
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
+            _open_page(page.address)
             import_module("gustproof.flight.routes.recorder")  # while the page's reader looks for Start
+            _compile(page, quiet=self._as_json)
             self.fly(self._plans[page.wait()], folder, page)
             if self._as_json:
                 return
@@ -117,6 +122,28 @@ class Session:
                 again = out and out.with_name(f"{out.name}-{1 + len(self._bags)}")
                 with run_folder(again, "fly") as folder:
                     self.fly(self._plans[chosen], folder, page)
+
+
+def _open_page(address: str) -> None:
+    """Open the page in a browser, where there is a screen; a browser of text would take the terminal."""
+    if sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")):
+        webbrowser.open(address)
+
+
+def _compile(page: "LivePage", *, quiet: bool) -> None:
+    """Compile the simulator by a short flight while a user reads the page; once after an installation."""
+    from dataclasses import replace
+
+    from firmware_model.config.scenario import load_scenario
+    from gustproof.flight.routes.checkup import is_cold
+    from gustproof.flight.routes.processes import fly
+    from gustproof.law.form import load_law
+
+    if is_cold():
+        page.tell_compiling(_COMPILING_S)
+        with working("compiling the simulator, once", quiet=quiet):
+            fly(replace(load_scenario("calm"), duration_s=0.1), load_law("flagship"))
+        page.tell_compiling(0)
 
 
 def _controller_name(plan: "FlightPlan | ExternalPlan") -> str:

@@ -52,7 +52,7 @@ class LivePage:
             scenario=scenario.name, laws=[*laws], law=laws[0], vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             bands=[span._asdict() for span in timeline(scenario)], limits=_limits(scenario, vehicle), commands=[],
-            has_report=False, goes_on=False,
+            has_report=False, goes_on=False, compiling=0,
             gust_scale=self._gust.default, gust_scale_limits=[self._gust.minimum, self._gust.maximum],
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
@@ -75,6 +75,10 @@ class LivePage:
     def address(self) -> str:
         """Address of the page."""
         return self._server.address
+
+    def tell_compiling(self, about_s: int) -> None:
+        """Say how long [s] it takes to compile, once after an installation; 0 when it is done."""
+        self._buffer.update(compiling=about_s)
 
     def wait(self) -> int:
         """Return the number of the law to fly, once the page starts the flight; Ctrl-C ends this."""

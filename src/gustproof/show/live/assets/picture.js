@@ -128,8 +128,8 @@ function drawArrow(g, place, wind_N) {
   }
 }
 
-// Sky and ground as seen from the vehicle, with a ladder of pitch and a scale of roll.
-export function drawHorizon(canvas, q) {
+// Sky and ground as seen from the vehicle, with a ladder of pitch and a scale of roll; q is turned `times` as far.
+export function drawHorizon(canvas, q, times) {
   const [g, width, height] = fresh(canvas);
   const [phi, theta, psi] = euler(q), degree = height / 50, far = 2 * Math.hypot(width, height);
   g.save();
@@ -153,9 +153,9 @@ export function drawHorizon(canvas, q) {
     stroke(g, [[-half, y], [half, y]]);
     if (angle % 10 === 0) {
       g.textAlign = "left";
-      g.fillText(angle, half + 5, y);
+      g.fillText(angle / times, half + 5, y);
       g.textAlign = "right";
-      g.fillText(angle, -half - 5, y);
+      g.fillText(angle / times, -half - 5, y);
     }
   }
   for (const angle of [-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60]) {

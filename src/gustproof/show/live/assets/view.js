@@ -1,11 +1,12 @@
-// The live page: read updates, keep a clock between them, draw at the rate of the screen.
+// The live page: read updates, keep a clock between them, draw at the rate of the screen. A flight in lockstep comes
+// faster than the eye follows: it is played at the clock's pace, and can be played again once it is over.
 import { camera, colours, drawHorizon, drawVehicle, euler, fresh, magnified, readColours } from "./picture.js";
 
-const WINDOW_S = 20, DEGREES = 180 / Math.PI;
+const WINDOW_S = 20, MOST_S = 60, DEGREES = 180 / Math.PI;
 const byId = (id) => document.getElementById(id);
 const SERIES = ["attitude", "wind", "torque", "age", "angles", "rates"]; // each row: time [s], then its numbers
 // One track a flight of this page, the last one flying; that of `shown.track` is drawn, `against` is behind it.
-const newTrack = (law) => ({ law, rows: Object.fromEntries(SERIES.map((name) => [name, []])) });
+const newTrack = (law) => ({ law, peak: 0, landed: false, rows: Object.fromEntries(SERIES.map((name) => [name, []])) });
 const tracks = [newTrack("")], choice = { track: 0, against: null };
 const MOST_TRACKS = 8;
 const main = () => tracks[choice.track].rows;
@@ -14,11 +15,12 @@ const facts = {};
 const LEFT = 42; // pixels of a chart's labels
 const cursor = { share: null }; // of the charts' width under the pointer
 const clock = { t: 0, rate: 0, latest: 0, received: 0 };
+const play = { on: true, pace: 1 }; // seconds of the flight a second; without end: each sample as it comes
 // State that is drawn now, for tests of the page.
 const shown = { frames: 0, t: 0, q: null, wind_N: null, updates: 0, changed: true };
 let settle;
 globalThis.ready = new Promise((settled) => (settle = settled)); // the first rows, or a page that waits, are drawn
-globalThis.gustproof = { tracks, choice, facts, shown, get rows() { return main(); } };
+globalThis.gustproof = { tracks, choice, facts, shown, play, get rows() { return main(); } };
 
 const CHARTS = [
   { title: "attitude [deg]", series: "angles", names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
@@ -38,7 +40,7 @@ const CHARTS = [
     caption.append(" ");
   });
   const canvas = figure.appendChild(document.createElement("canvas"));
-  canvas.className = chart.positive ? "low strip" : "strip";
+  canvas.className = chart.positive ? "low strip" : chart.series === "angles" ? "tall strip" : "strip";
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${chart.title} over time`);
   for (const kind of ["pointermove", "pointerleave"]) {
@@ -87,6 +89,7 @@ function applyUpdate(update) {
     if (last) for (const i of [0, 2]) angles[i] += 360 * Math.round((last[i + 1] - angles[i]) / 360); // full turns count
     last = [t, ...angles];
     rows.angles.push(last);
+    tracks.at(-1).peak = Math.max(tracks.at(-1).peak, ...angles.map(Math.abs));
     rows.rates.push([t, p * DEGREES, q * DEGREES, r * DEGREES]);
   }
   if (update.attitude) {
@@ -98,10 +101,38 @@ function applyUpdate(update) {
   if (update.facts) {
     Object.assign(facts, update.facts);
     tracks.at(-1).law = facts.law;
+    if (shown.updates === 1 && facts.phase === "over") land(); // a page that was loaded again
     showFacts();
     showTracks();
   }
   shown.changed = true;
+}
+
+// The last flight has been seen to its end.
+function land() {
+  tracks.at(-1).landed = true;
+  play.on = false;
+  clock.t = clock.latest;
+  showFacts();
+}
+
+// The last flight is over, and has been seen to its end.
+const landed = () => facts.phase === "over" && tracks.at(-1).landed;
+// Samples are shown as they come.
+const follows = () => facts.phase !== "over" && (facts.real_time || play.pace === Infinity);
+
+// The time axis [s]: the scenario's length, or the last seconds of a long flight.
+function span() {
+  if (facts.duration_s <= MOST_S) return [0, facts.duration_s];
+  if (landed()) return [0, Math.max(clock.latest, 1)];
+  const to = Math.max(clock.t, WINDOW_S);
+  return [to - WINDOW_S, to];
+}
+
+// How many times the tilt is drawn.
+function factor() {
+  const chosen = byId("magnify").value, { peak } = tracks[choice.track];
+  return chosen === "auto" ? (peak < 1 ? 20 : peak < 4 ? 5 : 1) : Number(chosen);
 }
 
 // Another flight begins: it is drawn before the one that was shown until now.
@@ -114,6 +145,9 @@ function beginTrack() {
   choice.against = choice.track;
   choice.track = tracks.length - 1;
   Object.assign(clock, { t: 0, rate: 0, latest: 0, received: 0 });
+  play.on = true;
+  shown.t = 0;
+  byId("clock").textContent = "";
   for (const chart of CHARTS) chart.span = chart.least;
 }
 
@@ -130,13 +164,22 @@ function showTracks() {
 
 function choose(track, against) {
   Object.assign(choice, { track, against: against === track ? null : against });
-  if (facts.phase === "over") clock.latest = clock.t = main().attitude.at(-1)?.[0] ?? 0;
+  if (facts.phase === "over") {
+    clock.latest = clock.t = main().attitude.at(-1)?.[0] ?? 0;
+    land();
+  }
   shown.changed = true;
   showTracks();
 }
 
-// Advance the clock of the picture: it follows the newest sample at the flight's own speed, slightly delayed.
+// Advance the clock of the picture: it plays, or follows the newest sample at the flight's own speed, slightly delayed.
 function tick(now, dt) {
+  if (!follows()) {
+    if (!play.on || facts.paused) return;
+    clock.t = Math.min(clock.latest, clock.t + (play.pace === Infinity ? Infinity : play.pace * Math.min(dt, 0.25)));
+    if (facts.phase === "over" && clock.t >= clock.latest) land();
+    return;
+  }
   const stopped = facts.phase === "over" || facts.paused || now - clock.received > 0.5;
   if (stopped) clock.rate = 0;
   const behind = clock.latest - 0.08 * clock.rate - clock.t;
@@ -172,12 +215,13 @@ function trace(g, list, k, first, last, every, x, y) {
 
 function drawStrip(chart, from, to) {
   const [g, width, height] = fresh(chart.canvas), list = main()[chart.series], other = behind()?.[chart.series] ?? [], left = LEFT, bottom = height - 16;
-  const first = Math.max(indexAt(list, from) - 1, 0), last = Math.min(indexAt(list, to) + 1, list.length);
+  const first = Math.max(indexAt(list, from) - 1, 0), known = Math.min(indexAt(list, to) + 1, list.length);
+  const last = landed() ? known : Math.min(indexAt(list, clock.t) + 1, known); // what comes is not told before
   const every = Math.max(1, Math.ceil((last - first) / ((width - left) / 2)));
   const columns = chart.names.map((_, i) => i + 1);
   let largest = chart.least;
   const begin = Math.max(indexAt(other, from) - 1, 0), end = Math.min(indexAt(other, to) + 1, other.length);
-  for (let i = first; i < last; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
+  for (let i = first; i < known; i++) for (const k of columns) largest = Math.max(largest, Math.abs(list[i][k]));
   for (let i = begin; i < end; i++) for (const k of columns) largest = Math.max(largest, Math.abs(other[i][k]));
   chart.span = largest > chart.span ? largest : Math.max(largest, chart.span * 0.995);
   const span = 1.08 * chart.span, low = chart.positive ? 0 : -span;
@@ -241,6 +285,8 @@ function drawBehind(g, chart, x, y, bottom) {
     }
   }
   g.setLineDash([]);
+  g.fillStyle = colours.ink;
+  if (landed() && clock.t < clock.latest) g.fillRect(x(clock.t), 0, 1, bottom);
   if (cursor.share === null || cursor.share < 0) return;
   g.fillStyle = colours.muted;
   g.fillRect(LEFT + cursor.share * (chart.canvas.clientWidth - LEFT), 0, 1, bottom);
@@ -248,12 +294,13 @@ function drawBehind(g, chart, x, y, bottom) {
 
 // Values at the cursor, or the newest.
 function tellValues(chart, from, to) {
-  const t = cursor.share === null || cursor.share < 0 ? to : from + cursor.share * (to - from);
-  const values = valueAt(main()[chart.series], Math.min(t, clock.latest)) ?? [];
-  chart.values.forEach((place, i) => { place.textContent = values[i] == null ? "–" : values[i].toPrecision(3).replace("-", "−"); });
+  const t = cursor.share === null || cursor.share < 0 ? clock.t : from + cursor.share * (to - from);
+  const values = valueAt(main()[chart.series], Math.min(t, landed() ? clock.latest : clock.t)) ?? [];
+  const told = (value) => (Math.abs(value) < 1e-3 * chart.least ? "0" : value.toPrecision(3).replace("-", "−"));
+  chart.values.forEach((place, i) => { place.textContent = values[i] == null ? "–" : told(values[i]); });
 }
 
-const counters = { numbersAt: 0, frames: 0, since: 0 };
+const counters = { numbersAt: 0 };
 
 function draw(milliseconds) {
   const now = milliseconds / 1000, dt = Math.max(now - (draw.last ?? now), 0);
@@ -264,33 +311,28 @@ function draw(milliseconds) {
   if (clock.t !== before || shown.changed) {
     shown.changed = false;
     // after the landing the pictures are those of the time under the pointer
-    const pointed = facts.phase === "over" && cursor.share !== null && cursor.share >= 0;
-    shown.t = pointed ? Math.min(cursor.share, 1) * Math.max(clock.latest, 1) : clock.t;
+    const pointed = landed() && !play.on && cursor.share !== null && cursor.share >= 0, [from, to] = span();
+    shown.t = pointed ? Math.min(from + Math.min(cursor.share, 1) * (to - from), clock.latest) : clock.t;
     shown.q = attitudeAt(main(), shown.t) ?? [1, 0, 0, 0];
     shown.wind_N = valueAt(main().wind, shown.t);
-    const factor = Number(byId("magnify").value), other = behind() && attitudeAt(behind(), shown.t);
-    const drawn = magnified(shown.q, factor);
-    drawVehicle(byId("vehicle"), drawn, shown.wind_N, other && magnified(other, factor));
-    drawHorizon(byId("horizon"), drawn);
+    const times = factor(), other = behind() && attitudeAt(behind(), shown.t);
+    const drawn = magnified(shown.q, times);
+    drawVehicle(byId("vehicle"), drawn, shown.wind_N, other && magnified(other, times));
+    drawHorizon(byId("horizon"), drawn, times);
+    byId("scrub").value = shown.t;
     for (const chart of CHARTS) chart.stale = true;
   }
   // Draw one chart a frame: it moves a few pixels until its next turn, at a fraction of the cost.
   const chart = CHARTS[shown.frames % CHARTS.length];
   if (chart.stale) {
     chart.stale = false;
-    const over = facts.phase === "over", to = over ? Math.max(clock.latest, 1) : Math.max(clock.t, WINDOW_S);
-    drawStrip(chart, over ? 0 : to - WINDOW_S, to);
-    tellValues(chart, over ? 0 : to - WINDOW_S, to);
+    drawStrip(chart, ...span());
+    tellValues(chart, ...span());
   }
   if (shown.updates && shown.frames > CHARTS.length) settle();
   if (now - counters.numbersAt > 0.1) {
     counters.numbersAt = now;
     showNumbers();
-  }
-  if (now - counters.since > 1) {
-    byId("drawn").textContent = `${Math.round((shown.frames - counters.frames) / (now - counters.since))} frames/s`;
-    counters.since = now;
-    counters.frames = shown.frames;
   }
   requestAnimationFrame(draw);
 }
@@ -301,7 +343,7 @@ function showNumbers() {
   const rows = main();
   if (rows.attitude.length) {
     const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
-    byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°`;
+    byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°${factor() === 1 ? "" : `, drawn ${factor()} times`}`;
     byId("clock").textContent = `${shown.t.toFixed(2)} s of ${facts.duration_s} s`;
   }
   if (rows.age.length) {
@@ -319,21 +361,25 @@ function showNumbers() {
 const PHASES = { ready: "ready: press Start", starting: "starting the vehicle", flying: "flying", over: "over" };
 
 function showFacts() {
-  const { phase, link } = facts, ready = phase === "ready", over = phase === "over";
+  const { phase, link } = facts, ready = phase === "ready", over = phase === "over", seen = landed() || follows();
   byId("title").textContent = document.title = `${facts.scenario} · ${facts.law}`;
-  byId("phase").textContent = over ? facts.message : facts.paused ? "paused" : PHASES[phase];
+  byId("phase").textContent = seen && over ? facts.message : facts.paused ? "paused" : PHASES[over ? "flying" : phase];
+  if (facts.compiling && !over) byId("phase").textContent += `; compiling the simulator, once: some ${facts.compiling} s`;
   const mayStart = ready || (over && facts.goes_on);
   byId("start").disabled = !mayStart;
   byId("start").textContent = over ? "Fly again" : "Start";
   byId("choice").hidden = facts.laws.length < 2;
   byId("laws").disabled = !mayStart;
   if (byId("laws").options.length !== facts.laws.length) {
-    byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i, false, name === facts.law)));
+    byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i)));
   }
+  if (ready || !byId("laws").value) byId("laws").value = String(facts.laws.indexOf(facts.law)); // another window may choose
   byId("report").hidden = !(over && facts.has_report && facts.goes_on);
-  byId("pause").hidden = facts.real_time;
-  byId("pause").disabled = phase !== "flying";
-  byId("pause").textContent = facts.paused ? "Resume" : "Pause";
+  byId("pause").hidden = facts.real_time && !over;
+  byId("pause").disabled = !over && phase !== "flying";
+  byId("pause").textContent = facts.paused ? "Resume" : play.on ? "Pause" : "Play";
+  byId("player").hidden = ready || phase === "starting" || (facts.real_time && !over);
+  byId("scrub").max = Math.max(facts.duration_s, clock.latest);
   const slider = byId("gust");
   slider.disabled = over;
   [slider.min, slider.max] = facts.gust_scale_limits;
@@ -347,8 +393,8 @@ function showFacts() {
   byId("lights").replaceChildren(
     ...facts.lights.map(({ text, value, held }) =>
       Object.assign(document.createElement("li"), {
-        textContent: value === null ? text : `${text}: ${+value.toPrecision(3)}`,
-        className: held === null ? "dark" : held ? "held" : "failed",
+        textContent: value === null || !seen ? text : `${text}: ${+value.toPrecision(3)}`,
+        className: held === null || !seen ? "dark" : held ? "held" : "failed",
       }),
     ),
   );
@@ -384,7 +430,23 @@ async function send(name, value) {
 }
 
 byId("start").addEventListener("click", () => send("start", true));
-byId("pause").addEventListener("click", () => send("pause", !facts.paused));
+// One button for the flight, while it comes, and for what is played of it.
+byId("pause").addEventListener("click", () => {
+  play.on = facts.paused || !play.on;
+  if (facts.phase === "over" && play.on && clock.t >= clock.latest) clock.t = 0;
+  if (facts.phase !== "over") send("pause", !play.on);
+  showFacts();
+});
+byId("speed").addEventListener("change", () => {
+  play.pace = Number(byId("speed").value);
+  showFacts();
+});
+byId("scrub").addEventListener("input", () => {
+  clock.t = Math.min(Number(byId("scrub").value), clock.latest);
+  play.on = play.on && facts.phase !== "over";
+  shown.changed = true;
+  showFacts();
+});
 byId("laws").addEventListener("change", () => send("law", Number(byId("laws").value)));
 for (const id of ["track", "against"]) {
   byId(id).addEventListener("change", () => choose(Number(byId("track").value), byId("against").value === "" ? null : Number(byId("against").value)));
