@@ -1,13 +1,11 @@
 import faulthandler
 import gc
-import os
 import runpy
 import signal
 import subprocess
 import sys
-import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 
@@ -16,6 +14,7 @@ import pytest
 import typer.testing
 
 from firmware_model.config.whole_file import OVERWRITES
+from firmware_model.process.fork import run_in_copy
 
 UNITS = Path(__file__).with_name("unit")
 
@@ -105,35 +104,23 @@ def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Po
         patch.setattr(f"gustproof.flight.{module}.launch", launch)
 
 
-def _launch(module: str, *arguments: str) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", module, *arguments]
+def _launch(module: str, *arguments: str, **_: bool) -> subprocess.Popen[str]:
+    begin = run_in_copy(module, partial(_run, module), arguments)
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # a worker's other thread only reads
         return subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            start_new_session=True, preexec_fn=partial(_run, words),
+            [sys.executable, "-m", module, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=begin,
         )  # fmt: skip
 
 
-def _run(words: list[str]) -> None:
-    """Run a module as Python would that was started with these words, and end."""
-    status: int | str | None = 1
+def _run(module: str, words: Sequence[str]) -> int:
+    """Run a module as Python would that was started with it, and return its exit status."""
+    sys.settrace(None)
+    faulthandler.disable()
+    sys.argv = [module, *words]
+    warnings.filterwarnings("ignore", "'.*' found in sys.modules", RuntimeWarning)
     try:
-        sys.settrace(None)
-        faulthandler.disable()
-        os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # with the pipe by which the parent learns that it has begun
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-        sys.stdin, sys.stdout, sys.stderr = map(open, range(3), "rww")
-        sys.argv = words[2:]
-        warnings.filterwarnings("ignore", "'.*' found in sys.modules", RuntimeWarning)
-        try:
-            runpy.run_module(words[2], run_name="__main__", alter_sys=True)
-            status = 0
-        except SystemExit as ending:
-            status = ending.code
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status if isinstance(status, int) else status is not None)
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except SystemExit as ending:
+        return ending.code if isinstance(ending.code, int) else ending.code is not None
+    return 0

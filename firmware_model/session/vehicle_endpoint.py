@@ -283,8 +283,10 @@ class VehicleEndpoint:
         if peer is not None:
             if not peer.controller:
                 peer.identify(frame, lockstep=self.flight.lockstep, clock_us=self.flight.clock_us(now_us))
-            peer.last_seen_us = now_us
+            is_new, peer.last_seen_us = peer.last_seen_us is None, now_us
             peer.channel.count(frame)
+            if is_new:  # it need not wait for the next one, up to a second
+                self._send(self._streams[wire.MAVLINK_MSG_ID_HEARTBEAT].message(), peer)
             if frame.is_signed and self._signing is None and not peer.is_told_unsigned:
                 peer.is_told_unsigned = True
                 self._send(wire.MAVLink_statustext_message(wire.MAV_SEVERITY_WARNING, _UNSIGNED.encode()), peer)

@@ -70,9 +70,7 @@ def test_an_interrupted_flight_leaves_a_whole_bag_one_line_and_no_process(
 
 def test_a_killed_controller_ends_in_the_fail_safe_status_3_and_a_whole_bag(tmp_path: Path) -> None:
     process = start(tmp_path, duration_s=120.0)  # its fail-safe is flown and recorded to the end
-    (controller,) = [
-        child for child in psutil.Process(process.pid).children() if "gustproof.flight.endpoint" in child.cmdline()
-    ]
+    (controller,) = [child for child in psutil.Process(process.pid).children() if child.name() == "endpoint"]
     controller.kill()
     output, errors = process.communicate(timeout=ENOUGH_S)
     assert process.returncode == 3

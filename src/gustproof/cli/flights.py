@@ -5,7 +5,7 @@ import shlex
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -197,9 +197,14 @@ def _fly(
         _print_warnings(plan)
         _print_temporary_cache()
     title = f"{plan.scenario.name}, {_controller_name(plan)}"
-    with progress(lambda: f"{title}{_note_compiling()}", quiet=quiet) as shown:
+    beginning = cache(lambda: f"{title}{_note_compiling()}")
+    ours = isinstance(plan, FlightPlan)
+    with progress(beginning, quiet=quiet, at_once=not ours) as shown:
         writing = f"{title}: writing the bag"
-        callbacks = {"progress": lambda x: shown(x, title), "on_flown": lambda: shown(0.0, writing)}
+        callbacks = {
+            "progress": lambda x: shown(x, title if x or quiet else beginning()),
+            "on_flown": lambda: shown(0.0, writing),
+        }
         options: dict[str, Any] = {"tlog": tlog, **callbacks}
         if isinstance(plan, FlightPlan):
             return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)

@@ -255,19 +255,22 @@ def parse_positive_vector(option: str, text: str) -> tuple[float, float, float]:
 
 
 @contextmanager
-def progress(title: str | Callable[[], str], *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
+def progress(
+    title: str | Callable[[], str], *, quiet: bool, at_once: bool = True
+) -> Iterator[Callable[[float, str], None]]:
     """Yield a function that shows a fraction [0..1] and a text on stderr; where that is no terminal, as plain lines.
 
-    The bar moves, and lines come, also while the function is not called. If `quiet` there are none. A title that is
-    costly to find is a function, which a quick command never calls.
+    The bar moves, and lines come, also while the function is not called: a thread sees to it, from the first call on if
+    not `at_once`. If `quiet` there are none. A title that is costly to find is a function, which a quick command never
+    calls.
     """
     if quiet:
         yield lambda _fraction, _text: None
     elif sys.stderr.isatty():
-        with _bar(title if isinstance(title, str) else title(), total=1.0) as shown:
+        with _bar(title if isinstance(title, str) else title(), total=1.0, at_once=at_once) as shown:
             yield shown
     else:
-        with _plain_lines(title) as shown:
+        with _plain_lines(title, at_once=at_once) as shown:
             yield shown
 
 
@@ -277,26 +280,34 @@ def working(title: str, *, quiet: bool) -> Iterator[None]:
     if quiet:
         yield
         return
-    with _bar(title, total=None) if sys.stderr.isatty() else _plain_lines(title):
+    with _bar(title, total=None, at_once=True) if sys.stderr.isatty() else _plain_lines(title, at_once=True):
         yield
 
 
 @contextmanager
-def _bar(title: str, *, total: float | None) -> Iterator[Callable[[float, str], None]]:
+def _bar(title: str, *, total: float | None, at_once: bool) -> Iterator[Callable[[float, str], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     text, percentage = TextColumn("{task.description}", markup=False), TextColumn("{task.percentage:3.0f} %")
     known = () if total is None else (percentage, TimeRemainingColumn())
-    with Progress(
-        text, BarColumn(), TimeElapsedColumn(), *known, console=Console(stderr=True), transient=True
-    ) as display:
-        task = display.add_task(printable(title), total=total)
-        yield lambda fraction, text: display.update(task, completed=fraction, description=printable(text))
+    display = Progress(text, BarColumn(), TimeElapsedColumn(), *known, console=Console(stderr=True), transient=True)
+    task = display.add_task(printable(title), total=total)
+
+    def show(fraction: float, text: str) -> None:
+        display.start()
+        display.update(task, completed=fraction, description=printable(text))
+
+    if at_once:
+        display.start()
+    try:
+        yield show
+    finally:
+        display.stop()
 
 
 @contextmanager
-def _plain_lines(title: str | Callable[[], str]) -> Iterator[Callable[[float, str], None]]:
+def _plain_lines(title: str | Callable[[], str], *, at_once: bool) -> Iterator[Callable[[float, str], None]]:
     """Yield as `progress` does; a thread prints the latest state after 2 s, and from then on every 10 s."""
     latest: list[tuple[float, str | Callable[[], str]]] = [(0.0, title)]
     ended, start = threading.Event(), time.monotonic()
@@ -311,9 +322,17 @@ def _plain_lines(title: str | Callable[[], str]) -> Iterator[Callable[[float, st
             )
 
     thread = threading.Thread(target=repeat, daemon=True)
-    thread.start()
+
+    def show(fraction: float, text: str) -> None:
+        latest[0] = fraction, text
+        if thread.ident is None:
+            thread.start()
+
+    if at_once:
+        thread.start()
     try:
-        yield lambda fraction, text: latest.__setitem__(0, (fraction, text))
+        yield show
     finally:
         ended.set()
-        thread.join()
+        if thread.ident is not None:
+            thread.join()

@@ -1,13 +1,13 @@
 """Kills processes of a flight after an exact number of samples: KILL="controller fly vehicle 1234" in the environment.
 
-Python runs this file at its start if its folder is on PYTHONPATH; it acts in the vehicle's process only.
+Python runs this file at its start if its folder is on PYTHONPATH; it acts in the vehicle's process, or in its copy.
 """
 
 import os
 import signal
 import sys
 
-if "KILL" in os.environ and "firmware_model" in sys.orig_argv:
+if "KILL" in os.environ and {"firmware_model", "gustproof"} & {*sys.orig_argv}:
     import psutil
 
     from firmware_model.recording.journal import JournalWriter
@@ -18,7 +18,9 @@ if "KILL" in os.environ and "firmware_model" in sys.orig_argv:
     def _kill(victim: str) -> None:
         fly = psutil.Process(os.getppid())
         if victim == "controller":
-            (controller,) = [child for child in fly.children() if "gustproof.flight.endpoint" in child.cmdline()]
+            (controller,) = [
+                child for child in fly.children() if "endpoint" in " ".join([child.name(), *child.cmdline()])
+            ]
             controller.kill()
         else:
             os.kill({"fly": fly.pid, "vehicle": os.getpid()}[victim], signal.SIGKILL)

@@ -20,10 +20,13 @@ from typing import Any, Self
 import numpy as np
 from pydantic_core import to_jsonable_python
 
+import firmware_model.__main__ as vehicle_program
+import gustproof.flight.endpoint.__main__ as controller_program
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.process.child import share_core
+from firmware_model.process.fork import can_fork, run_in_copy
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from gustproof.flight.controllers.user_controller import Controller
@@ -42,6 +45,7 @@ _BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
 _START_TIMEOUT_S = 60.0  # for a controller to begin the flight
+_PROGRAMS = {"firmware_model": vehicle_program.main, "gustproof.flight.endpoint": controller_program.main}
 _OUTCOMES = {
     VehicleOutcome.DONE: FlightOutcome.DONE,
     VehicleOutcome.STREAM_LOST: FlightOutcome.CONTROLLER_LOST,
@@ -210,7 +214,9 @@ class _ProcessPair:
     ) -> FlightOutcome:
         """Start both processes, watch them to the end, and return the outcome."""
         try:
-            self._start(on_listening)
+            self._launch()
+            progress(0.0)
+            self._begin(on_listening)
             self._watch(samples, progress)
         except KeyboardInterrupt:
             for process in self._processes.values():
@@ -218,15 +224,21 @@ class _ProcessPair:
             return FlightOutcome.INTERRUPTED
         return self._read_outcome()
 
-    def _start(self, on_listening: Callable[[int, Path], None]) -> None:
-        self._processes["vehicle"] = vehicle = launch(
+    def _launch(self) -> None:
+        """Start the processes; nothing may have started a thread before, or they can't be copies of this one."""
+        self._processes["vehicle"] = launch(
             "firmware_model", "--json", "--exit-on-stdin-eof", *self._options, "--seed", str(self._plan.seed),
             "--journal", str(self._journal), "--metadata", str(self._files["note"]),
             "--scenario", str(self._files["scenario"]), "--vehicle", str(self._files["vehicle"]),
+            copied=not self._plan.real_time,
         )  # fmt: skip
         # The controller starts meanwhile; it gets the port once the vehicle has one.
         for name in ("controller", "spare") if self._kill is not None else ("controller",):
-            self._processes[name] = launch(*self._controller)
+            self._processes[name] = launch(*self._controller, copied=self._is_law and not self._plan.real_time)
+
+    def _begin(self, on_listening: Callable[[int, Path], None]) -> None:
+        """Let the controller begin, once the vehicle listens."""
+        vehicle = self._processes["vehicle"]
         _load_scoring(self._plan)  # meanwhile, instead of after the flight
         greeting = vehicle.stdout.readline() if vehicle.stdout else ""
         if not greeting:
@@ -319,15 +331,17 @@ class _ProcessPair:
         return outcome if self._scripted else refine_outcome(outcome, self.summary, reported, alone=self._alone)
 
 
-def launch(module: str, *arguments: str) -> "subprocess.Popen[str]":
+def launch(module: str, *arguments: str, copied: bool = False) -> "subprocess.Popen[str]":
     """Start a module of this Python, with pipes for its streams.
 
     It has a session of its own: Ctrl-C reaches this process alone, which then ends it in order. If this process is
     killed, its standard input ends, and so does it. The current folder is not on its path: a file there that has the
-    name of a module must not run.
+    name of a module must not run. If it is `copied`, and can be, it need not import what this process has imported.
     """
+    name = module.rpartition(".")[2]
+    copy = run_in_copy(name, _PROGRAMS[module], arguments) if copied and can_fork() else None
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, *arguments],
+        [sys.executable, "-P", "-m", module, *arguments], preexec_fn=copy,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
 
