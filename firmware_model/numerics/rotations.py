@@ -126,6 +126,13 @@ def from_euler(phi: float, theta: float, psi: float) -> Quaternion:
     )
 
 
+def rotate_rows(q_NB: NDArray[np.float64], v_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the vectors `v_B` (n, 3) in N, by the attitudes (n, 4)."""
+    w, axis = q_NB[:, :1], q_NB[:, 1:]
+    twice = 2.0 * np.cross(axis, v_B)
+    return np.asarray(v_B + w * twice + np.cross(axis, twice))
+
+
 def euler_angles(q_NB: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ZYX Euler angles (n, 3) [rad] of quaternions (n, 4), with yaw unwrapped."""
     angles = wrapped_euler_angles(q_NB)

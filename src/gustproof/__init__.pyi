@@ -29,6 +29,7 @@ from gustproof.flight.controllers.user_controller import UserController as UserC
 from gustproof.flight.controllers.user_controller import parse_controller as parse_controller
 from gustproof.flight.recording.bag import read_bag as read_bag
 from gustproof.flight.recording.bag import write_bag as write_bag
+from gustproof.flight.recording.px4_log import write_ulog as write_ulog
 from gustproof.flight.routes.batch import Case as Case
 from gustproof.flight.routes.batch import fly_many as fly_many
 from gustproof.flight.routes.controllers import fly_controller as fly_controller

@@ -42,6 +42,8 @@ Same = Annotated[
         "--controller", help="The controller of your own that flew: no recording starts one.", show_default=False
     ),
 ]
+FLIGHT_FILES = (".xml", ".ulg")
+"""Endings of files that a flight can be written to beside its recording."""
 _COMPILING_S = 30  # on two cores of 2024
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 
@@ -56,8 +58,10 @@ class Session:
         *,
         tlog: bool,
         as_json: bool,
+        files: Sequence[Path] = (),
     ) -> None:
-        """Take what flies, and what compares each flight with the one that it repeats, if it repeats one."""
+        """Take what flies, what compares each flight with the one that it repeats, and `files` to write of a flight."""
+        self._files = files
         self._plans, self._compare, self._tlog, self._as_json = plans, compare, tlog, as_json
         self._bags: list[Path] = []
         self._failure: typer.Exit | None = None
@@ -100,6 +104,8 @@ class Session:
         _print_flight(result, comparison, as_json=self._as_json)
         if interrupted:
             raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+        for path in self._files:
+            _write_file(path, result)
         self._failure = self._failure or _report_failures(result, comparison, folder)
 
     def fly_on_page(self, folder: Path, out: Path | None) -> None:
@@ -144,6 +150,20 @@ def _compile(page: "LivePage", *, quiet: bool) -> None:
         with working("compiling the simulator, once", quiet=quiet):
             fly(replace(load_scenario("calm"), duration_s=0.1), load_law("flagship"))
         page.tell_compiling(0)
+
+
+def _write_file(path: Path, flight: "Flight") -> None:
+    """Write a flight's requirements as JUnit, or its samples as ULog."""
+    from firmware_model.config.files import write_text
+    from gustproof.flight.recording.px4_log import write_ulog
+    from gustproof.show.report.junit import flight_tests, render_suites
+
+    if path.suffix == ".xml":
+        title = f"{flight.scenario.name} on {flight.vehicle.name}, seed {flight.seed}"
+        write_text(path, render_suites({title: [*flight_tests(flight)]}))
+    elif len(flight.records):
+        about = {"scenario": flight.scenario.name, "controller": flight.pilot_name, "seed": str(flight.seed)}
+        write_ulog(path, flight.records, flight.vehicle, flight.scenario, about)
 
 
 def _controller_name(plan: "FlightPlan | ExternalPlan") -> str:

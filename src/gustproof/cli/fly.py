@@ -1,12 +1,14 @@
 """The command `gustproof fly`: one flight."""
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from firmware_model.errors import ConfigError
-from gustproof.cli.flights import NewFolder, NoTlog, Session, View, choose_autopilot
+from gustproof.cli.flights import FLIGHT_FILES, NoTlog, Session, View, choose_autopilot
 from gustproof.cli.laws import LAW_HELP, choose_law, on_vehicle
 from gustproof.cli.options import (
     SEED,
@@ -16,6 +18,7 @@ from gustproof.cli.options import (
     Build,
     Params,
     VehicleName,
+    check_output,
     complete,
     in_range,
 )
@@ -67,21 +70,29 @@ def fly(
     view: View = False,
     no_tlog: NoTlog = False,
     anyway: Anyway = False,
-    output: NewFolder = None,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="New folder of the recording [default: in runs/], JUnit (.xml), ULog (.ulg); repeat it.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
 
     Write a rosbag2 bag (MCAP) and the traffic (.tlog) to the output folder, and print the flight's figures. A
-    controller of your own flies in a process of its own: `gustproof guide controllers` tells how. With --autopilot a
-    real PX4, ArduPilot or Betaflight is started, armed and flown; --law then names a law built into it.
+    controller of your own flies in a process of its own, see `gustproof guide controllers`. With --autopilot a real
+    autopilot is started, armed and flown; --law then names a law built into it.
 
-        gustproof fly paper-turbulence --law my-law.json --seed 7 --json
+        gustproof fly paper-turbulence --law my-law.json --seed 7 -o run1 -o junit.xml
         gustproof fly gust-roll --law pid-fair --law flagship --view
         gustproof fly paper-turbulence --controller my_mpc.py:make
         gustproof fly paper-turbulence --controller "exec: node mine.mjs"
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot
     """
+    folder, files = _split_outputs(output or [], view=view)
     laws: list[str | None] = [*law] if law else [None]
     _refuse_several(laws, allowed=view and not (as_json or autopilot))
     chosen = choose_autopilot(context, autopilot, build, params, laws[0], instance)
@@ -94,7 +105,22 @@ def fly(
             _find_controller(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws
         ]
         plans = _make_plans(script, controllers, seed, real_time=real_time)
-    Session(plans, tlog=not no_tlog, as_json=as_json).run(output, view=view)
+    Session(plans, tlog=not no_tlog, as_json=as_json, files=files).run(folder, view=view)
+
+
+def _split_outputs(output: Sequence[Path], *, view: bool) -> tuple[Path | None, list[Path]]:
+    """Return the folder of the recording, and the files to write; refuse what can't be written."""
+    files = [path for path in output if path.suffix in FLIGHT_FILES]
+    folders = [path for path in output if path not in files]
+    if len(folders) > 1:
+        raise ConfigError(f"-o: two folders for one recording, {folders[0]} and {folders[1]}")
+    if files and view:
+        raise ConfigError(f"{files[0]}: of one flight, and a page can fly again; fly without --view")
+    for path in files:
+        if os.path.lexists(path):
+            raise ConfigError(f"{path}: exists already; nothing is overwritten")
+        check_output(path, FLIGHT_FILES, "a file of a flight")
+    return (folders[0] if folders else None), files
 
 
 def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:

@@ -8,8 +8,11 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.flights import complete_recordings
 from gustproof.cli.options import AsJson, Force, check_output, print_json, print_next, progress, working
-from gustproof.flight.recording.folder import find_bags
+from gustproof.flight.recording.folder import find_bag, find_bags
 from gustproof.flight.recording.layout import LAYOUTS, save_layout
+
+ULOG = ".ulg"
+"""Ending of a log of PX4."""
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +30,8 @@ def report(
         ),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Write the page here (.html), or a layout (.json, .xml).")
+        Path,
+        typer.Option("-o", "--output", help="Write the page here (.html), a layout (.json, .xml), or a ULog (.ulg)."),
     ] = Path("report.html"),
     force: Force = False,
     as_json: AsJson = False,
@@ -37,17 +41,17 @@ def report(
     The page is one HTML file that opens without a network. On a log it shows set-points over what was flown, step
     responses, vibration and filters, the vehicle, and the judgement of the gains that flew. For a campaign's table it
     shows the distributions of all figures by law, their causes, and the worst runs. Other viewers open the bags:
-    -o layout.json is a layout for Foxglove, -o layout.xml one for PlotJuggler. A flight that a power loss, a kill or a
-    full disk cut off is completed from its journal first.
+    -o layout.json is a layout for Foxglove, -o layout.xml one for PlotJuggler. -o flight.ulg writes one flight as ULog,
+    a log of PX4. A flight that a power loss, a kill or a full disk cut off is completed from its journal first.
 
         gustproof report flight.ulg
         gustproof report run1 run2 -o report.html
         gustproof report run1 -o layout.json
         gustproof report mc.parquet -o mc.html
     """
-    check_output(output, (".html", *LAYOUTS), "a report or a layout")
+    check_output(output, (".html", ULOG, *LAYOUTS), "a report, a layout or a ULog")
     if logs := [run for run in runs if run.is_file() and run.suffix not in (".parquet", ".mcap")]:
-        if len(runs) > 1 or output.suffix in LAYOUTS:
+        if len(runs) > 1 or output.suffix != ".html":
             raise ConfigError(f"{logs[0]}: a log has a page (.html) of its own")
         _report_log(logs[0], output, as_json=as_json)
         return
@@ -55,8 +59,8 @@ def report(
         raise ConfigError("--json: of a log alone; figures of flights are those of `gustproof fly --json`")
     for run in runs:
         complete_recordings(run)
-    if output.suffix in LAYOUTS:
-        _write_layout(runs, output)
+    if output.suffix != ".html":
+        _WRITERS[output.suffix](runs, output)
     elif any(run.suffix == ".parquet" for run in runs):
         _report_campaign(runs, output)
     else:
@@ -68,6 +72,26 @@ def _write_layout(runs: list[Path], output: Path) -> None:
         find_bags(run)
     save_layout(output)
     print(f"layout for the bags in {', '.join(map(str, runs))} in {output}")
+
+
+def _write_ulog(runs: list[Path], output: Path) -> None:
+    from gustproof.flight.recording.bag import read_bag
+    from gustproof.flight.recording.px4_log import write_ulog
+    from gustproof.flight.routes.flight import parse_metadata
+
+    if len(runs) > 1:
+        raise ConfigError(f"{', '.join(map(str, runs))}: a ULog holds one flight")
+    bag = find_bag(runs[0])
+    with working(f"writing {output}", quiet=False):
+        metadata, records = read_bag(bag)
+        scenario, controller, vehicle, seed, _ = parse_metadata(metadata, bag)
+        flown = "" if controller is None else controller.name
+        about = {"scenario": scenario.name, "controller": flown, "seed": str(seed)}
+        write_ulog(output, records, vehicle, scenario, about)
+    print(f"{bag} in {output}")
+
+
+_WRITERS = {ULOG: _write_ulog, **dict.fromkeys(LAYOUTS, _write_layout)}
 
 
 def _report_flights(runs: list[Path], output: Path) -> None:

@@ -42,8 +42,10 @@ identify log log.ulg --wind there.csv
 identify log log.ulg --scenario there.toml
 identify rates --connect 127.0.0.1:1 -o there.toml
 scenario extract run -o there.csv
-campaign fly gust-roll --figures there.csv -o new.parquet
-campaign fly gust-roll --figures there.tex -o new.parquet
+campaign fly gust-roll -o there.csv -o new.parquet
+campaign fly gust-roll -o there.tex -o new.parquet
+campaign fly gust-roll -o there.xml -o new.parquet
+report run -o there.ulg
 campaign rare gust-roll 'peak_deg > 1' -o there.toml
 compare gust-roll --law flagship --law pid-fair -o there.md
 league --entry flagship -o there.html
@@ -59,9 +61,15 @@ guide -o there --no-open
 guide --schemas there
 guide --pictures there
 """.strip().splitlines()
-FOLDERS = ("fly calm -o there", "fly calm -o there.json", "reproduce -o there")
+FOLDERS = (
+    *(f"fly calm -o there{ending}" for ending in ("", ".json", ".xml", ".ulg")),
+    "reproduce -o there",
+)
 PRECIOUS = (
-    *(f"there.{suffix}" for suffix in ("json", "params", "png", "html", "toml", "csv", "tex", "c", "mat", "md")),
+    *(
+        f"there.{suffix}"
+        for suffix in ("json", "params", "png", "html", "toml", "csv", "tex", "c", "mat", "md", "xml", "ulg")
+    ),
     *("new.csv", "new.png", "new.h", "new-vehicle.toml", "other-smallest.toml"),
     *("there/index.html", "there/scenario.schema.json", "there/gust.png"),
 )

@@ -195,7 +195,7 @@ campaign fly paper -o x.parquet --law hinf-d1 --spread gust=nan
 campaign fly paper -o x.parquet --law hinf-d1 --spread gust=2
 campaign fly paper -o x.parquet --law hinf-d1 --spread attitude=x
 campaign fly paper -o x.parquet --law hinf-d1 --spread gyro=1
-campaign fly paper -o x.parquet --law hinf-d1 --figures x.txt
+campaign fly paper -o x.parquet --law hinf-d1 -o x.txt
 campaign rare paper 'peak > 1' --law hinf-d1
 campaign rare paper 'peak_deg > nan' --law hinf-d1
 campaign rare paper 'peak_deg' --law hinf-d1

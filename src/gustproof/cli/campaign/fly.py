@@ -46,13 +46,17 @@ if TYPE_CHECKING:
     from gustproof.flight.controllers.user_controller import UserController
     from gustproof.studies.campaign.plan import AnyController, Campaign
     from gustproof.studies.campaign.statistics import CampaignStatistics
+    from gustproof.studies.campaign.store import Shard
 
-_FIGURES = (".csv", ".tex")
+_FIGURES = (".csv", ".tex", ".xml")
 
 
 def fly(
     scenario: ScenarioName,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Write the table here (.parquet).")],
+    output: Annotated[
+        list[Path],
+        typer.Option("-o", "--output", help="Write the table here (.parquet), figures (.csv, .tex), JUnit (.xml)."),
+    ],
     law: Annotated[
         list[str] | None,
         typer.Option(help="A law, as of `fly`; repeat it [default: flagship].", autocompletion=complete("law")),
@@ -68,12 +72,9 @@ def fly(
     workers: Workers = None,
     spread: SpreadKinds = None,
     sampling: SamplingMethod = "uniform",
+    shard: Annotated[str | None, typer.Option(help="Fly one part alone, such as 2/8.", show_default=False)] = None,
     vehicle: VehicleName = "paper",
     seed: Annotated[int, SEED] = 1,
-    figures: Annotated[
-        list[Path] | None,
-        typer.Option(help="Write figures with intervals here (.csv or .tex); repeat it.", show_default=False),
-    ] = None,
     anyway: Anyway = False,
     force: Force = False,
     as_json: AsJson = False,
@@ -81,7 +82,8 @@ def fly(
     """Fly one scenario many times with varied parameters, and print statistics with confidence intervals.
 
     Each flight has gusts and noise of its own, the same for every law. The table has a row for each run; it does not
-    depend on workers or interruptions. The same command resumes it; more --runs, or another --law, extend it.
+    depend on workers or interruptions. The same command resumes it; more --runs, or another --law, extend it. With
+    --shard it leaves rows beside the table, as other machines do; the same command without it puts them together.
 
         gustproof campaign fly paper --law hinf-scheduled --law pid-fair -o mc.parquet
         gustproof campaign fly paper-turbulence --autopilot px4 --runs 20 -o px4.parquet
@@ -92,22 +94,25 @@ def fly(
     from gustproof.show.report.terminal import show
     from gustproof.studies.campaign.statistics import compute_statistics
 
-    _check_outputs(output, figures or [])
+    table, figures = _split_outputs(output)
     vehicles = load_vehicle_set(vehicle)
     script = on_vehicle(load_scenario(scenario), vehicles.nominal)
     controllers = _find_controllers(law or (), controller or (), autopilot, build, params, vehicles, script)
     if not controllers:
-        controllers = _default_controllers(output if output.exists() else None, vehicles, script, quiet=as_json)
+        controllers = _default_controllers(table if table.exists() else None, vehicles, script, quiet=as_json)
     plan = make_plan(script, controllers, vehicles, Draws(runs, spread, sampling, seed), anyway=anyway)
-    _fly(plan, output, workers, quiet=as_json)
-    with working(f"statistics of {output}", quiet=as_json):
-        found = compute_statistics(output)
-    _save_figures(found, figures or [])
+    if shard is not None:
+        _fly_shard(plan, table, workers, shard, as_json=as_json)
+        return
+    _fly(plan, table, workers, quiet=as_json)
+    with working(f"statistics of {table}", quiet=as_json):
+        found = compute_statistics(table)
+    _save_figures(found, figures)
     if as_json:
         print_json(found.to_dict())
         return
     show(render_campaign(found))
-    print_next("report", output, "-o", output.with_suffix(".html"))
+    print_next("report", table, "-o", table.with_suffix(".html"))
 
 
 def _find_controllers(
@@ -142,19 +147,24 @@ def _default_controllers(
     return (default_law(vehicles, script, quiet=quiet),) if table is None else read_campaign(table).laws
 
 
-def _check_outputs(output: Path, figures: Sequence[Path]) -> None:
-    """Refuse files that the command can't write."""
-    if not output.exists():  # a table grows, and is never overwritten
-        check_output(output, ".parquet", "a campaign's table")
+def _split_outputs(output: Sequence[Path]) -> tuple[Path, list[Path]]:
+    """Return the table and the files of figures; refuse files that the command can't write."""
+    figures = [path for path in output if path.suffix in _FIGURES]
+    tables = [path for path in output if path not in figures]
+    if len(tables) != 1:
+        raise ConfigError(f"-o: {'two tables' if tables else 'no table (.parquet)'} of one campaign")
+    if not tables[0].exists():  # a table grows, and is never overwritten
+        check_output(tables[0], ".parquet", "a campaign's table")
     for path in figures:
         check_output(path, _FIGURES, "a file of figures")
+    return tables[0], figures
 
 
 def _save_figures(found: "CampaignStatistics", figures: Iterable[Path]) -> None:
-    from gustproof.show.report.summary_files import save_csv, save_latex
+    from gustproof.show.report.summary_files import save_csv, save_junit, save_latex
 
     for path in figures:
-        (save_csv if path.suffix == ".csv" else save_latex)(found, path)
+        {".csv": save_csv, ".tex": save_latex, ".xml": save_junit}[path.suffix](found, path)
 
 
 def _find_entries(sources: Iterable[str]) -> "list[UserController]":
@@ -168,7 +178,23 @@ def _find_entries(sources: Iterable[str]) -> "list[UserController]":
     return entries
 
 
-def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool) -> None:
+def _fly_shard(plan: "Campaign", output: Path, workers: str | None, text: str, *, as_json: bool) -> None:
+    """Fly one part of a new campaign, and say how the parts become a table."""
+    from gustproof.studies.campaign.store import Shard, parts_folder
+
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count) <= plan.cases):
+        raise ConfigError(f"--shard: is '{text}', must be I/N such as 2/8, I from 1 to N, N at most the --runs")
+    if as_json:
+        raise ConfigError("--json: a shard has no figures; the same command without --shard has")
+    if output.exists():
+        raise ConfigError(f"{output}: exists already; a shard flies for a new table")
+    _fly(plan, output, workers, quiet=False, shard=Shard(int(number), int(count)))
+    then = f"once all are there, the same command without --shard writes {output}"
+    print(f"shard {text} is in {parts_folder(output)}; {then}")
+
+
+def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool, shard: "Shard | None" = None) -> None:
     """Fly the missing runs, with progress on standard error."""
     from gustproof.flight.routes.batch import is_cold
     from gustproof.studies.campaign.growth import resume_campaign
@@ -183,7 +209,7 @@ def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool) ->
     if plan.scenario.has_link_script:
         why = f"{plan.scenario.name} has link, mode or controller events"
         print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
-    title = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}"
+    title, runs = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}", plan.runs if shard is None else 0
     begun = COMPILING * is_cold(plan.scenario)
 
     def describe(flown: int) -> str:
@@ -198,8 +224,9 @@ def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool) ->
                 plan,
                 output,
                 pool,
-                progress=lambda flown, of: shown(flown / max(of, 1), describe(plan.runs - of + flown)),
+                progress=lambda flown, of: shown(flown / max(of, 1), describe((runs or of) - of + flown)),
                 known=output if known_runs else None,
+                shard=shard,
             )
     except KeyboardInterrupt:
         raise exit_with(f"interrupted; {_describe_kept(output)}", ExitStatus.INTERRUPTED) from None

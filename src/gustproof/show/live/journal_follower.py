@@ -9,9 +9,10 @@ from threading import Event
 import numpy as np
 
 from firmware_model.config.files import parse_json
+from firmware_model.numerics.rotations import rotate_rows
 from firmware_model.recording.journal import RECORD, told_type
 from gustproof.show.live.telemetry_buffer import SERIES, Row, TelemetryBuffer
-from gustproof.types import Array, Records
+from gustproof.types import Records
 
 _POLL_S = 0.02
 _DIGITS = 6  # decimals
@@ -56,13 +57,6 @@ def series_rows(groups: Records, sample_us: int) -> dict[str, list[Row]]:
     rows = {name: np.round(np.hstack(parts), _DIGITS).tolist() for name, parts in columns.items()}
     rows["age"] = [[t, None if math.isnan(age_ms) else age_ms] for t, age_ms in rows["age"]]
     return rows
-
-
-def rotate_rows(q_NB: Array, v_B: Array) -> Array:
-    """Return the vectors `v_B` (n, 3) in N, by the attitudes (n, 4)."""
-    w, axis = q_NB[:, :1], q_NB[:, 1:]
-    twice = 2.0 * np.cross(axis, v_B)
-    return np.asarray(v_B + w * twice + np.cross(axis, twice))
 
 
 class _GroupReader:

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from xml.etree import ElementTree
 
 from rich.table import Table
 from rich.text import Text
 
+from gustproof.show.report.junit import JunitTest, render_suites
 from gustproof.show.report.terminal import Renderable, format_number
 from gustproof.studies.campaign.comparison import ComparisonRow
 from gustproof.studies.campaign.paired import ERROR, SMALL, Change
@@ -48,18 +48,10 @@ def render_markdown(title: str, rows: Iterable[ComparisonRow]) -> str:
 
 def render_junit(title: str, rows: Sequence[ComparisonRow]) -> str:
     """Return a test for each controller but the first, which fails if it is worse, as JUnit's XML."""
-    others = [row for row in rows if row.change is not None]
-    failed = sum(row.change is Change.WORSE for row in others)
-    suite = ElementTree.Element("testsuite", name=title, tests=str(len(others)), failures=str(failed), errors="0")
-    for row in others:
-        test = ElementTree.SubElement(suite, "testcase", classname=title, name=f"{row.name} against {rows[0].name}")
-        if row.change is Change.WORSE:
-            ElementTree.SubElement(test, "failure", message=describe_change(row))
-        ElementTree.SubElement(test, "system-out").text = describe_change(row)
-    root = ElementTree.Element("testsuites")
-    root.append(suite)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    first, *others = rows
+    named = ((f"{row.name} against {first.name}", row) for row in others)
+    tests = [JunitTest(name, describe_change(row), row.change is Change.WORSE, title) for name, row in named]
+    return render_suites({title: tests})
 
 
 def describe_change(row: ComparisonRow) -> str:

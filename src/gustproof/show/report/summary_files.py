@@ -1,4 +1,4 @@
-"""Statistics of a campaign as files for a spreadsheet (CSV) and for a paper (LaTeX)."""
+"""Statistics of a campaign as files for a spreadsheet (CSV), a paper (LaTeX) and a build server (JUnit)."""
 
 import csv
 import math
@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware_model.config.files import write_text
 from gustproof.flight.scoring.requirements import requirement_label, requirement_limits
 from gustproof.show.report.campaign import TERMINAL_FIGURES, describe_campaign, format_value
+from gustproof.show.report.junit import campaign_tests, render_suites
 from gustproof.show.report.spreadsheet import quote_text
 from gustproof.show.report.terminal import FIGURES
 from gustproof.studies.campaign.intervals import CONFIDENCE, IntervalEstimate
@@ -65,6 +66,12 @@ def _pass_rates(law: LawStatistics) -> Iterator[tuple[str, IntervalEstimate]]:
 
 def _number(value: float) -> float | str:
     return value if math.isfinite(value) else ""
+
+
+def save_junit(found: CampaignStatistics, path: Path) -> None:
+    """Write a test for each law and requirement, which fails if a run did not meet it, as JUnit's XML."""
+    title = f"{found.campaign.scenario.name} on {found.campaign.vehicles.nominal.name}"
+    write_text(path, render_suites({title: [*campaign_tests(found)]}))
 
 
 def save_latex(found: CampaignStatistics, path: Path) -> None:

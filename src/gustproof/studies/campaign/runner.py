@@ -13,7 +13,7 @@ from gustproof.flight.routes.kernels import LANES
 from gustproof.studies.campaign.executors import Pool, process_pool
 from gustproof.studies.campaign.growth import take_runs
 from gustproof.studies.campaign.plan import Campaign, check_given
-from gustproof.studies.campaign.store import Store
+from gustproof.studies.campaign.store import Shard, Store
 from gustproof.studies.campaign.worker import Chunk, ChunkResult, check_worker, failed_rows, fly_chunk
 
 Task = Callable[[str, Chunk], ChunkResult]
@@ -32,8 +32,12 @@ def fly_campaign(
     progress: Callable[[int, int], None] | None = None,
     task: Task = fly_chunk,
     known: Path | None = None,
+    shard: Shard | None = None,
 ) -> None:
     """Fly the runs still missing and write all runs as one Parquet file, one row per run.
+
+    With `shard` only its runs are flown, and stay in a folder beside `output`. Once all shards have left theirs there,
+    the same campaign without a shard writes the file: the bytes are those of one run.
 
     Without `pool` the workers are one process a core. `known` is the table of a smaller campaign, made larger by
     `grow_campaign`; its runs are not flown again.
@@ -68,13 +72,15 @@ def fly_campaign(
     """
     if pool is None:
         with process_pool(os.cpu_count() or 1) as pool:
-            fly_campaign(campaign, output, pool, chunk_runs=chunk_runs, progress=progress, task=task, known=known)
+            options: dict[str, Any] = {"chunk_runs": chunk_runs, "progress": progress, "task": task}
+            fly_campaign(campaign, output, pool, known=known, shard=shard, **options)
         return
-    with Store(output, campaign) as store:
+    with Store(output, campaign, shard) as store:
         if known is not None:
             take_runs(known, campaign, store)
         _Runner(campaign, store, pool, chunk_runs, progress or (lambda *_: None), task).run()
-        store.finish()
+        if shard is None:
+            store.finish()
 
 
 class _Runner:
@@ -100,7 +106,7 @@ class _Runner:
         self._suspects: deque[Chunk] = deque()  # chunks that ran when a worker died
         self._isolating = False  # True while a suspect flies alone
         self._deaths: Counter[Chunk] = Counter()
-        self._pending_runs, self._flown_runs = campaign.runs - store.flown_runs, 0
+        self._pending_runs, self._flown_runs = sum(chunk.runs for chunk in self._waiting), 0
 
     def run(self) -> None:
         self._progress(0, self._pending_runs)

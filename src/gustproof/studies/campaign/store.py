@@ -9,7 +9,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -30,8 +30,24 @@ _PART = re.compile(r"(\d+)-(\d+)\.arrow")
 _DICTIONARY_COLUMNS = ["law", "failure"]  # columns with few distinct values
 
 
+class Shard(NamedTuple):
+    """One of several shares of a campaign's cases, each flown by a process of its own, maybe on another machine."""
+
+    number: int
+    """Its number, from 1."""
+    of: int
+    """Number of all."""
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+    def cases(self, cases: int) -> tuple[int, int]:
+        """Return the first of its cases and the one after its last."""
+        return cases * (self.number - 1) // self.of, cases * self.number // self.of
+
+
 class Store:
-    """Parts of one campaign, locked by one process at a time.
+    """Parts of one campaign, locked by one process at a time, or by one for each `shard`.
 
     Raises
     ------
@@ -39,16 +55,18 @@ class Store:
         If the output's folder is missing, its parts belong to another campaign, or another process flies this one.
     """
 
-    def __init__(self, output: Path, campaign: Campaign) -> None:
-        self._output, self._campaign = output, campaign
+    def __init__(self, output: Path, campaign: Campaign, shard: Shard | None = None) -> None:
+        self._output, self._campaign, self._shard = output, campaign, shard
         self.folder = parts_folder(output)
         """Folder of the parts."""
         if not output.parent.is_dir():
             raise ConfigError(f"{output.parent}: no such folder")
         self.folder.mkdir(exist_ok=True)
-        self._lock = open_locked(self.folder / "lock")
-        if self._lock is None:
-            raise ConfigError(f"{output}: another process is flying this campaign")
+        own = "lock" if shard is None else f"lock-{shard.number}-{shard.of}"
+        self._lock = open_locked(self.folder / own)
+        if self._lock is None or any(map(_is_locked, self._other_locks(own))):
+            self._close()
+            raise ConfigError(f"{output}: another process is flying {f'shard {shard}' if shard else 'this campaign'}")
         self._parts: dict[int, tuple[int, Path]] = {}
 
     def __enter__(self) -> Self:
@@ -67,25 +85,32 @@ class Store:
         if self._lock is not None:
             self._lock.close()
 
-    @property
-    def flown_runs(self) -> int:
-        """Number of runs in the parts."""
-        return sum(count for count, _ in self._parts.values())
+    def _other_locks(self, own: str) -> list[Path]:
+        """Return the locks of processes that may not run beside this one: other shards may beside a shard."""
+        names = "lock" if self._shard else "lock*"
+        return [path for path in self.folder.glob(names) if path.name != own]
 
     def holds(self, first: int) -> bool:
         """Return whether a part begins with a run."""
         return first in self._parts
 
     def missing_chunks(self) -> list[Chunk]:
-        """Return the runs that are in no part, in chunks of one law each."""
-        gaps, at = [], 0
+        """Return the runs of this shard that are in no part, in chunks of one law each."""
+        cases = self._campaign.cases
+        low, high = self._shard.cases(cases) if self._shard else (0, cases)
+        within = ((max(first, law + low), min(first + runs, law + high)) for law, first, runs in self._gaps())
+        return [Chunk(first, end - first) for first, end in within if first < end]
+
+    def _gaps(self) -> Iterator[tuple[int, int, int]]:
+        """Yield the runs that are in no part: the first run of their law, their first, and their number."""
+        at = 0
         for first, (count, _) in [*sorted(self._parts.items()), (self._campaign.runs, (0, Path()))]:
             while at < first:
-                end = min(first, (at // self._campaign.cases + 1) * self._campaign.cases)
-                gaps.append(Chunk(at, end - at))
+                law = at // self._campaign.cases * self._campaign.cases
+                end = min(first, law + self._campaign.cases)
+                yield law, at, end - at
                 at = end
             at = first + count
-        return gaps
 
     def add(self, chunk: Chunk, table: Any) -> None:
         """Store the rows of a chunk of runs."""
@@ -131,7 +156,8 @@ class Store:
     def _check_metadata(self) -> None:
         path = self.folder / "campaign.json"
         text = json.dumps(self._campaign.metadata(), sort_keys=True)
-        if not (path.exists() and any(_PART.fullmatch(each.name) for each in self.folder.iterdir())):
+        held = self._shard is not None or any(_PART.fullmatch(each.name) for each in self.folder.iterdir())
+        if not (path.exists() and held):
             _write_whole(path, lambda file: file.write(text.encode()))
             return
         try:
@@ -143,13 +169,22 @@ class Store:
     def _find_parts(self) -> None:
         for path in sorted(self.folder.iterdir()):
             if path.name.startswith(UNFINISHED_PREFIX):
-                path.unlink()
+                if self._shard is None:  # else another shard's, which is being written
+                    path.unlink()
             elif named := _PART.fullmatch(path.name):
                 first, count = map(int, named.groups())
                 if _count_rows(path) == count:
                     self._parts[first] = (count, path)
                 else:  # truncated by a lost disk cache
                     path.unlink()
+
+
+def _is_locked(path: Path) -> bool:
+    """Return whether another process holds a lock."""
+    if (lock := open_locked(path)) is None:
+        return True
+    lock.close()
+    return False
 
 
 def parts_folder(output: Path) -> Path:

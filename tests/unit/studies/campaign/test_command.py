@@ -50,7 +50,8 @@ def command(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (("-o", "mc.csv"), "mc.csv: a campaign's table ends in .parquet"),
+        (("-o", "mc.csv"), "-o: no table (.parquet) of one campaign"),
+        (("-o", "mc.parquet", "-o", "b.parquet"), "-o: two tables of one campaign"),
         (("-o", "nowhere/mc.parquet"), "nowhere: no such folder"),
         (("-o", "mc.parquet", "--spread", "wind"), "--spread: 'wind' is none of vehicle, gyro, gust, attitude"),
         (("-o", "mc.parquet", "--sampling", "grid"), "--sampling: 'grid' is none of uniform, normal, latin, sobol"),
@@ -87,14 +88,14 @@ def test_a_campaign_that_is_flown_is_not_flown_again_and_another_one_not_over_it
 
 def test_a_table_grows_by_runs_and_laws_and_tells_so(command):
     assert command("-o", "mc.parquet").exit_code == 0
-    grown = command("-o", "mc.parquet", "--law", "pid-fair", "--figures", "mc.csv", "--figures", "mc.tex")
+    grown = command("-o", "mc.parquet", "--law", "pid-fair", "-o", "mc.csv", "-o", "mc.tex")
     assert grown.exit_code == 0, grown.stderr
     assert grown.stderr == "gustproof: mc.parquet: 5 of 10 runs are there\n"
     assert [Path(name).stat().st_size > 0 for name in ("mc.csv", "mc.tex")] == [True, True]
     again = command("-o", "mc.parquet")
     assert again.stderr == "gustproof: mc.parquet: all 10 runs are there\n"
-    refused = command("-o", "mc.parquet", "--figures", "mc.txt")
-    assert (refused.exit_code, "mc.txt: a file of figures ends in .csv or .tex" in refused.stderr) == (2, True)
+    refused = command("-o", "mc.txt")
+    assert (refused.exit_code, "mc.txt: a campaign's table ends in .parquet" in refused.stderr) == (2, True)
 
 
 @pytest.mark.parametrize(

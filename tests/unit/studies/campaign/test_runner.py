@@ -1,5 +1,7 @@
 import re
+import shutil
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
 from gustproof.studies.campaign.runner import fly_campaign
-from gustproof.studies.campaign.store import ROW_GROUP, Store
+from gustproof.studies.campaign.store import ROW_GROUP, Shard, Store, parts_folder
 from gustproof.studies.campaign.worker import ChunkResult, failed_rows
 
 
@@ -52,6 +54,33 @@ def rows_of(campaign):
 def written(campaign, path, pool=None, **options):
     fly_campaign(campaign, path, pool or Here(), task=rows_of(campaign), **options)
     return path.read_bytes()
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_shards_put_together_are_one_run_to_the_byte(planned, tmp_path, count):
+    campaign, whole, output = planned(), written(planned(), tmp_path / "whole.parquet"), tmp_path / "a" / "mc.parquet"
+    for number in range(1, count + 1):  # each on a machine of its own, from which its parts are copied
+        there = tmp_path / str(number) / "mc.parquet"
+        for path in (there, output):
+            path.parent.mkdir(exist_ok=True)
+        fly_campaign(campaign, there, Here(), task=rows_of(campaign), shard=Shard(number, count), chunk_runs=5)
+        assert not there.exists()
+        shutil.copytree(parts_folder(there), parts_folder(output), dirs_exist_ok=True)
+    pool = Here()
+    assert written(campaign, output, pool) == whole
+    assert pool.stretches == []
+
+
+def test_shards_run_beside_each_other_but_not_beside_the_whole(planned, tmp_path):
+    campaign, output = planned(), tmp_path / "mc.parquet"
+    with Store(output, campaign, Shard(1, 2)), Store(output, campaign, Shard(2, 2)):
+        for shard in (None, Shard(1, 2)):
+            with pytest.raises(ConfigError, match="another process is flying"):
+                Store(output, campaign, shard)
+    with Store(output, campaign), pytest.raises(ConfigError, match="another process is flying shard 2/2"):
+        Store(output, campaign, Shard(2, 2))
+    with pytest.raises(ConfigError, match="holds parts of another campaign: seed was"):
+        Store(output, replace(campaign, seed=campaign.seed + 1), Shard(2, 2)).__enter__()
 
 
 def test_the_file_does_not_depend_on_how_the_runs_are_cut(planned, tmp_path):
