@@ -154,7 +154,7 @@ class ControllerCore:
     def _interpolate(self, before_us: int, time_us: int, now: tuple[float, ...]) -> None:
         """Step the law at its own instants up to half a step after this sample."""
         gap_us = time_us - before_us
-        if not 0 <= before_us < time_us <= before_us + _LONGEST_GAP_US:
+        if before_us < 0 or gap_us > _LONGEST_GAP_US:
             self._step_at_us, self._before, gap_us = time_us, now, 1
         while self._step_at_us <= time_us + self._sample_us // 2:
             share = min(max((self._step_at_us - time_us) / gap_us + 1.0, 0.0), 1.0)

@@ -937,3 +937,8 @@ def test_recorder_ends_the_flight_and_hands_the_vehicle_back():
     assert autopilot.endpoint.outcome is ControllerOutcome.DONE
     assert seen == [1_100_000, 1_104_000, 1_108_000]
     assert [message.param2 for message in autopilot.hear() if getattr(message, "command", 0) == MODE] == [BRAKE]
+    seen.clear()
+    autopilot = flying_ardupilot(recorder=lambda sample, _: seen.append(sample.time_us))
+    autopilot.endpoint._enter(Phase.STANDING_BY)  # another flies: that is no record of the law
+    autopilot.say(imu(1_104_000))
+    assert (seen, autopilot.endpoint.outcome) == ([1_100_000], None)

@@ -146,3 +146,18 @@ def test_numbers_that_are_missing_or_wrong_are_named_in_one_line(perfect, known,
 def test_a_log_that_excites_nothing_gives_no_vehicle_but_the_manoeuvre(perfect):
     with pytest.raises(ConfigError, match="fly a chirp"):
         make_vehicle_file("mine", without(without(perfect(IRIS), 0), 1), Known(like="iris"))
+
+
+@pytest.mark.parametrize(("delay", "told"), [(0.0019, False), (0.0021, True)])
+def test_a_delay_is_told_from_two_milliseconds_on(perfect, delay, told):
+    found = replace(perfect(IRIS), delay=Interval(delay - 1e-3, delay, delay + 1e-3))
+    findings = make_vehicle_file("mine", found, Known(like="iris")).findings
+    assert any(line.startswith("torque begins 2.1 ms after its command") for line in findings) is told
+    assert any("torque begins" in line for line in findings) is told
+
+
+def test_a_spread_is_never_narrower_than_a_thousandth(perfect, tmp_path):
+    found = perfect(IRIS)
+    exact = replace(found, actuator_lag=Interval(0.05, 0.05, 0.05))
+    lag = loaded(make_vehicle_file("mine", exact, Known(like="iris")), tmp_path).spreads["actuator_lag"]
+    assert (lag.low, lag.high) == pytest.approx((0.05 * 0.999, 0.05 * 1.001), rel=1e-5)

@@ -37,6 +37,43 @@ def test_read_log_of_a_table_takes_columns_by_name_and_unit(tmp_path: Path, flow
     assert log.attitude is None
 
 
+UNITS = {
+    "gyro": ("p_{}", {"radps": 1.0, "rad_s": 1.0, "rad_per_s": 1.0}, {"dps": 1.0, "degps": 1.0, "deg_s": 1.0}),
+    "motors": ("m1_{}", {"": 0.25, "pct": 25.0, "us": 1250.0, "pwm": 1250.0, "u16": 65535.0 / 4.0}),
+    "accelerometer": ("ax_{}", {"mps2": 9.80665, "m_s2": 9.80665, "m_s_2": 9.80665, "g": 1.0}),
+    "attitude": ("roll_{}", {"rad": 1.0}, {"deg": 1.0}),
+    "command": ("roll_cmd_{}", {"": 0.5, "nm": 0.5, "n_m": 0.5}),
+}
+"""Names of a first column, and equal numbers by unit."""
+
+
+@pytest.mark.parametrize("signal", UNITS)
+def test_read_log_of_a_table_gives_the_same_number_in_each_unit(tmp_path: Path, signal: str) -> None:
+    name, *groups = UNITS[signal]
+    found = list[list[float]]()
+    for group in groups:
+        found.append([])
+        for unit, number in group.items():
+            names = [name.format(unit).strip("_")]
+            others = {"p_": "qr", "ax": ("ay", "az"), "ro": ("pitch", "yaw"), "m1": ()}[names[0][:2]]
+            names += [each + names[0].removeprefix("p").removeprefix("ax").removeprefix("roll") for each in others]
+            columns = dict.fromkeys(("p_dps", "q_dps", "r_dps") if signal != "gyro" else (), 0.0)
+            columns |= dict.fromkeys(names, number)
+            rows = np.column_stack([np.arange(40) * 0.002, *(np.full(40, each) for each in columns.values())])
+            log = read_log(write(tmp_path / "log.csv", ",".join(("time_s", *columns)), rows))
+            found[-1].append(float(getattr(log, signal).values[0, 0]))
+    first, *degrees = (set(np.round(each, 6)) for each in found)
+    assert first == {{"motors": 0.25, "accelerometer": 9.80665, "command": 0.5}.get(signal, 1.0)}
+    assert all(each == {round(math.pi / 180.0, 6)} for each in degrees)
+
+
+@pytest.mark.parametrize(("unit", "second"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_read_log_of_a_table_gives_the_same_time_in_each_unit(tmp_path: Path, unit: str, second: float) -> None:
+    rows = np.column_stack([second * np.arange(40) * 0.002, *[np.zeros(40)] * 3])
+    log = read_log(write(tmp_path / "log.csv", f"t_{unit},p_dps,q_dps,r_dps", rows))
+    assert log.gyro.time[-1] == pytest.approx(0.078)
+
+
 @pytest.mark.parametrize("decimal", [",", "."])
 def test_read_log_of_a_table_with_semicolons(tmp_path: Path, flown: np.ndarray, decimal: str) -> None:
     path = tmp_path / "log.csv"
@@ -101,6 +138,21 @@ def test_read_log_of_a_table_leaves_out_a_few_damaged_rows(tmp_path: Path, flown
     log = read_log(path)
     assert len(log.gyro.time) == 396
     assert log.findings[0] == "file: 3 rows are damaged: left out"
+
+
+@pytest.mark.parametrize("damaged", [19, 20])
+def test_read_log_of_a_table_refuses_more_than_a_twentieth_of_damaged_rows(
+    tmp_path: Path, flown: np.ndarray, damaged: int
+) -> None:
+    path = write(tmp_path / "log.csv", "time_s,p_dps,q_dps,r_dps", flown)
+    lines = path.read_bytes().splitlines()
+    lines[50 : 50 + damaged] = [b"x,1,2,3"] * damaged
+    path.write_bytes(b"\n".join(lines))
+    if damaged / (len(flown) - damaged) > 0.05:
+        with pytest.raises(ConfigError, match="invalid value 'x'"):
+            read_log(path)
+    else:
+        assert read_log(path).findings[0] == f"file: {damaged} rows are damaged: left out"
 
 
 def test_read_log_of_a_table_bounds_what_it_reads(
