@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.mavlink.frames import RejectReason
+from firmware_model.mavlink.messages import heartbeat_message
 from firmware_model.types import ImuSample
+from gustproof.errors import FlightError
+from gustproof.flight.endpoint import excitation
+from gustproof.flight.endpoint.endpoint import ControllerOutcome
 from gustproof.flight.endpoint.excitation import (
     _AXIS_S,
     _MEASURED_S,
@@ -48,3 +54,27 @@ def test_sines_turn_the_vehicle_little_and_their_sum_peaks_low():
     assert size[lines] == pytest.approx(np.where(omega < 1.67, 0.06 * omega, 0.1))
     assert np.max(np.abs(periods)) == pytest.approx(0.5794925)  # phases after Schroeder; alike they add up to .775
     assert _excitation_law().limits.tolist() == [1.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("outcome", "raised"),
+    [(ControllerOutcome.INTERRUPTED, KeyboardInterrupt), (ControllerOutcome.MODE_LOST, FlightError)],
+)
+def test_a_flight_that_ends_early_gives_no_records_and_no_unsigned_message_counts(
+    monkeypatch, tmp_path, outcome, raised
+):
+    (tmp_path / "key").write_bytes(bytes(range(32)))
+    (tmp_path / "key").chmod(0o600)
+    handlers = []
+
+    def serve(endpoint, target, bind_port, _):
+        beat = heartbeat_message(0, False, critical=False).pack(wire.MAVLink(None, 3, 1))
+        endpoint.receive(beat, (0, target.address), 0)
+        assert endpoint.channel.dropped == {RejectReason.NOT_SIGNED: 1}
+        assert (handlers, bind_port) == ([endpoint.interrupt], 14550)
+        endpoint._end(outcome, "the pilot took over")
+
+    monkeypatch.setattr(excitation.connection, "serve", serve)
+    monkeypatch.setattr(excitation, "call_on_interrupt", handlers.append)
+    with pytest.raises(raised, match=None if raised is KeyboardInterrupt else "the pilot took over"):
+        excitation.fly_excitation("127.0.0.1:14580", print, bind_port=14550, signing_key=tmp_path / "key")

@@ -31,6 +31,7 @@ def test_a_line_that_rises_with_throttle_is_of_propellers():
     throttle = 0.4 + 0.2 * (TIME / SECONDS)
     found = gyro_spectrum(vibrating(150.0 * np.sqrt(throttle / 0.5), throttle))
     assert len(found.throttle) == len(found.by_throttle) == 5
+    assert found.throttle == pytest.approx((0.4267, 0.4635, 0.5003, 0.5371, 0.5731))  # sorted, as many segments each
     line = found.lines[0]
     low, high = line.moves
     assert low == pytest.approx(150.0 * np.sqrt(0.42 / 0.5), abs=4.0)
@@ -42,6 +43,7 @@ def test_a_line_of_the_frame_stays():
     throttle = 0.4 + 0.2 * (TIME / SECONDS)
     (line,) = gyro_spectrum(vibrating(80.0, throttle)).lines
     assert (line.hertz, line.moves) == (pytest.approx(80.0, abs=1.6), None)
+    assert (line.height_db, line.share) == pytest.approx((22.99698, 0.5179528))  # over 40 Hz, and within 4
     total = 0.5 * 0.05**2 + 3.0 * 0.02**2 * 0.97
     assert line.share == pytest.approx(0.5 * 0.05**2 / total, rel=0.1)
 
