@@ -26,9 +26,9 @@ def guide(
         Path | None,
         typer.Option(help="Write the JSON Schemas of all TOML files to this folder, and nothing else."),
     ] = None,
-    pictures: Annotated[
+    examples: Annotated[
         Path | None,
-        typer.Option(help="Fly and draw the guide's pictures into this folder, and nothing else."),
+        typer.Option(help="Write notebooks and controllers to this folder, and nothing else."),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -43,6 +43,8 @@ def guide(
     An editor that knows TOML completes and checks the keys of scenario, vehicle and design files by their schemas.
 
         gustproof guide --schemas schemas
+
+        jupyter lab $(gustproof guide --examples examples)
     """
     if schemas is not None:
         from gustproof.guide.schemas import schema_files, write_schemas
@@ -50,13 +52,12 @@ def guide(
         _check_files(schemas, schema_files(schemas))
         print("\n".join(map(str, write_schemas(schemas))))
         return
-    if pictures is not None:
-        from gustproof.guide.drawings import PICTURES, draw_pictures
+    if examples is not None:
+        from gustproof.guide.notebooks import example_files, write_examples
 
-        _check_files(pictures, [pictures / f"{name}.png" for name in PICTURES])
-        with working(f"drawing {pictures}", quiet=False):
-            drawn = draw_pictures(pictures)
-        print("\n".join(map(str, drawn)))
+        _check_files(examples, example_files(examples))
+        write_examples(examples)
+        print(examples)
         return
     from gustproof.guide.site import load_pages, page_names, write_site
 

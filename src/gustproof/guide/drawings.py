@@ -1,6 +1,7 @@
-"""Draw the pictures of the guide from flights made here: `gustproof guide --pictures DIR`."""
+"""Draw the pictures of the guide from flights made here: `python -P -m gustproof.guide.drawings DIR`."""
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
@@ -260,3 +261,7 @@ def _rotation(q_NB: Array) -> Array:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+if __name__ == "__main__":
+    draw_pictures(Path(sys.argv[1]))

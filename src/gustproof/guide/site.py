@@ -39,6 +39,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "controllers",
         "protocol",
         "library",
+        "course",
         "matlab",
     ),
     "Background": ("laws", "vehicles", "theory", "limits", "glossary"),

@@ -59,7 +59,7 @@ export flagship --ardupilot there
 export flagship --crazyflie there
 guide -o there --no-open
 guide --schemas there
-guide --pictures there
+guide --examples there
 """.strip().splitlines()
 FOLDERS = (
     *(f"fly calm -o there{ending}" for ending in ("", ".json", ".xml", ".ulg")),
@@ -71,7 +71,7 @@ PRECIOUS = (
         for suffix in ("json", "params", "png", "html", "toml", "csv", "tex", "c", "mat", "md", "xml", "ulg")
     ),
     *("new.csv", "new.png", "new.h", "new-vehicle.toml", "other-smallest.toml"),
-    *("there/index.html", "there/scenario.schema.json", "there/gust.png"),
+    *("there/index.html", "there/scenario.schema.json", "there/01-first-gust.ipynb"),
 )
 
 

@@ -95,12 +95,13 @@ def test_the_first_use_of_a_term_leads_to_its_entry(folder):
 
 
 def test_code_has_colours_and_long_pages_list_their_sections(folder):
-    library, tutorial = ((folder / f"{name}.html").read_text(encoding="utf-8") for name in ("library", "tutorial"))
+    names = ("library", "tutorial", "course")
+    library, tutorial, course = ((folder / f"{name}.html").read_text(encoding="utf-8") for name in names)
     assert '<span class="kn">import</span>' in library
     assert '<span class="gp">$ </span>gustproof' in tutorial
     assert '<nav id="sections" aria-label="On this page">' in tutorial
     assert '<a href="#prove">Prove</a>' in tutorial
-    assert "On this page" not in library
+    assert "On this page" not in course
 
 
 def test_headings_landmarks_and_pictures_have_names(pages):

@@ -53,7 +53,7 @@ WALKED_BESIDE = ("tutorial", "vehicle")
 PAGES = (
     "log", "px4", "ardupilot", "theory", "scenario", "commands", "campaign", "wind", "league", "prove", "controllers",
     "protocol", "figures", "export", "matlab", "autopilots", "outside", "ground-station", "viewers", "install",
-    "README", "tutorial", "vehicle",
+    "README", "tutorial", "vehicle", "course",
 )  # fmt: skip
 FEWER = (
     (r"--runs 1000", "--runs 20"),

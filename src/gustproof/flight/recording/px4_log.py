@@ -29,6 +29,7 @@ from gustproof.version import __version__
 
 _MAGIC = b"ULog\x01\x12\x35\x01" + bytes(8)  # and the start of the log [us]
 _STAMPS = ("timestamp", "timestamp_sample")
+_RATE = b"\x18int32_t IMU_GYRO_RATEMAX"  # of the loops [Hz]
 _STATUS, _LANDED = 100, 101
 """Numbers of the topics that are written at changes of the mode."""
 _NAV_STATES = {
@@ -136,6 +137,7 @@ def write_ulog(
         file.write(_MAGIC)
         for name, text in {"sys_name": "gustproof", "ver_sw": __version__, **(about or {})}.items():
             file.write(_info(name, text))
+        file.write(_message("P", _RATE + struct.pack("<i", round(1.0 / scenario.dt))))
         for definition in (*(topic.format for topic in topics), *_CHANGES.values()):
             file.write(_message("F", definition.encode()))
         for number, name in names:
