@@ -28,7 +28,6 @@ from gustproof.cli.guide import guide
 from gustproof.cli.identify.log import identify
 from gustproof.cli.identify.rates import rates
 from gustproof.cli.judge import judge
-from gustproof.cli.league import league
 from gustproof.cli.replay import replay
 from gustproof.cli.report import report
 from gustproof.cli.reproduce import reproduce
@@ -141,7 +140,6 @@ PANELS: dict[str, dict[str, tuple[Callable[..., Any] | typer.Typer, str]]] = {
     "Research": {
         "design": (design, "Solve an H-infinity design; list and show designs."),
         "analyse": (analyse, "Show margins, poles, error budget and limits of a law."),
-        "league": (league, "Rank laws and controllers in the same seeds."),
         "audit": (audit, "Test the physics of a simulator."),
         "reproduce": (reproduce, "Fly the paper with all laws, and judge its claims."),
     },

@@ -9,7 +9,7 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
 from gustproof.cli.flights import tell_rate
-from gustproof.cli.laws import LAW_HELP, find_law
+from gustproof.cli.laws import find_law
 from gustproof.cli.options import (
     AsJson,
     Force,
@@ -22,16 +22,21 @@ from gustproof.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from gustproof.flight.routes.external import ExternalAutopilot
-    from gustproof.law.form import Law
-    from gustproof.studies.campaign.comparison import ComparisonRow
+    from firmware_model.config.scenario import Scenario
+    from firmware_model.config.vehicle import Vehicle
+    from gustproof.flight.controllers.user_controller import Controller
+    from gustproof.studies.campaign.comparison import AnyController, ComparisonRow
 
 
 def compare(
     context: typer.Context,
     scenario: Annotated[
-        str, typer.Argument(help="Name of a shipped scenario, or a .toml file.", autocompletion=complete("scenario"))
-    ] = "paper-turbulence",
+        list[str] | None,
+        typer.Argument(
+            help="Shipped scenarios, or .toml files; course is 20 that try all [default: paper-turbulence].",
+            autocompletion=complete("scenario"),
+        ),
+    ] = None,
     autopilot: Annotated[str, typer.Option(help="Real autopilot: px4 or ardupilot.")] = "px4",
     build: Annotated[
         list[str] | None, typer.Option(help="Folder of a build; repeat it [default: the usual places].")
@@ -43,7 +48,8 @@ def compare(
     law: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"Law to fly here, beside them or alone; repeat it. {LAW_HELP} [default: flagship].",
+            help="Law to fly here: a name, a file, parameters of an autopilot, or your own FILE.py:MAKER or "
+            "LIBRARY.so; repeat it [default: flagship].",
             autocompletion=complete("law"),
         ),
     ] = None,
@@ -63,36 +69,49 @@ def compare(
     """Fly builds and parameters of a real autopilot, and laws, in the same gusts, and say what is better.
 
     Each is compared with the first by the error of the same seeds, until that is known to be better, worse or alike:
-    within 1 %. The test is read after each flight, and wrong in 1 % of comparisons at most. Two laws alone need no
-    build. Exit status: 1 if one is worse than the first.
+    within 1 %. The test is read after each seed, and wrong in 1 % of comparisons at most. Of several scenarios the
+    geometric mean counts. Ms and delay margin are measured by flights. Two laws alone need no build. Exit status: 1 if
+    one is worse than the first.
 
-        gustproof compare paper-turbulence --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
+        gustproof compare --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
 
-        gustproof compare paper-turbulence --law flagship --law my-law.json -o review.md -o junit.xml
+        gustproof compare course --law pid-fair --law my_mpc.py:make -o review.md -o junit.xml
     """
     from firmware_model.config.vehicle import load_vehicle
-    from gustproof.cli.fly import load_script
-    from gustproof.flight.routes.external import check_external
     from gustproof.studies.campaign.comparison import compare as fly_all
     from gustproof.studies.campaign.paired import Change
 
     written = _check_tables(output)
-    script, airframe = load_script(scenario, vehicle, free=free), load_vehicle(vehicle)
-    laws = {each: find_law(each, airframe, script.control_rate_hz) for each in _check_once(law or ["flagship"])}
-    named: dict[str, ExternalAutopilot | Law] = {}
-    if len(laws) == 1 or any(is_given(context, each) for each in ("autopilot", "build", "params", "inside")):
-        first = next(iter(laws.values())).name
-        named = _find_autopilots(autopilot, build, params, inside, first)
-        check_external(script, autopilot)
-        tell_rate(script, autopilot)
+    airframe = load_vehicle(vehicle)
+    scripts = _find_scenarios(scenario or ["paper-turbulence"], vehicle, free=free)
+    laws = {each: _find_controller(each, airframe, scripts[0]) for each in _check_once(law or ["flagship"])}
+    named: dict[str, AnyController] = {}
+    if len(laws) == 1 or _are_given(context):
+        named = _find_autopilots(autopilot, build, params, inside, next(iter(laws.values())).name)
+        _check_autopilots(scripts, autopilot)
     for name, each in laws.items():
         named[each.name if each.name not in named else name] = each
-    title = f"{script.name} on {airframe.name}"
+    what = scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
+    title = f"{what} on {airframe.name}"
     with progress(title, quiet=as_json) as shown:
-        rows = fly_all(script, airframe, named, range(1, runs + 1), shown)
+        rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown)
     _tell(title, rows, written, as_json=as_json)
-    if any(row.change is Change.WORSE for row in rows):
+    if Change.WORSE in [row.change for row in rows]:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _are_given(context: typer.Context) -> bool:
+    """Return whether the command line asks for real autopilots."""
+    return any(is_given(context, each) for each in ("autopilot", "build", "params", "inside"))
+
+
+def _check_autopilots(scripts: "list[Scenario]", kind: str) -> None:
+    """Refuse scenarios that a real autopilot can't fly, and tell at which rate it flies them."""
+    from gustproof.flight.routes.external import check_external
+
+    for script in scripts:
+        check_external(script, kind)
+    tell_rate(scripts[0], kind)
 
 
 def _check_once(names: list[str]) -> list[str]:
@@ -101,6 +120,30 @@ def _check_once(names: list[str]) -> list[str]:
         if names.count(name) > 1:
             raise ConfigError(f"--law {name} is given twice")
     return names
+
+
+def _find_scenarios(names: list[str], vehicle: str, *, free: bool) -> "list[Scenario]":
+    """Return scenarios by name or file, and those of the course in strengths for the vehicle."""
+    from firmware_model.config.vehicle import load_vehicle
+    from gustproof.cli.fly import load_script
+    from gustproof.studies.campaign.course import COURSE, load_course
+
+    found: list[Scenario] = []
+    for name in names:
+        found += load_course(load_vehicle(vehicle)) if name == COURSE else [load_script(name, vehicle, free=free)]
+    return found
+
+
+def _find_controller(name: str, airframe: "Vehicle", script: "Scenario") -> "Controller":
+    """Return a law by name or file, or a controller of the user's own."""
+    from gustproof.flight.controllers.user_controller import ControllerKind, parse_controller
+
+    if ":" not in name and not name.endswith(".so"):
+        return find_law(name, airframe, script.control_rate_hz)
+    brought = parse_controller(name)
+    if brought.kind is ControllerKind.PROGRAM:
+        raise ConfigError(f"--law '{name}': programs fly in `fly` and `worst-case`, here flies what repeats")
+    return brought
 
 
 def _check_tables(output: list[Path] | None) -> list[Path]:
@@ -126,7 +169,7 @@ def _tell(title: str, rows: "list[ComparisonRow]", output: list[Path], *, as_jso
 
 def _find_autopilots(
     kind: str, builds: list[str] | None, sets: list[str] | None, inside: str, law: str
-) -> "dict[str, ExternalAutopilot | Law]":
+) -> "dict[str, AnyController]":
     """Return each build with each set of parameters, then the build with a law inside, by names that tell them apart.
 
     Raises
@@ -136,7 +179,7 @@ def _find_autopilots(
     """
     from gustproof.flight.routes.external import ExternalAutopilot
 
-    found: dict[str, ExternalAutopilot | Law] = {}
+    found: dict[str, AnyController] = {}
     builds = builds or [""]
     for build, parameters in product(builds, sets or ["stock", "tuned"]):
         each = ExternalAutopilot(kind=kind, build=build, parameters=parameters)

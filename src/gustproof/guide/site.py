@@ -27,7 +27,6 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
         "prove",
         "campaign",
         "wind",
-        "league",
         "export",
         "figures",
         "viewers",

@@ -12,6 +12,28 @@ from gustproof.cli.app import app
 from gustproof.law.form import load_law
 
 SHORT = 'description = "gusts"\nduration_s = 6.0\n\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
+OWN = """
+from gustproof import load_law
+from gustproof.law.step import LawStepper
+
+class make:
+    def __init__(self, vehicle):
+        self.limit = vehicle.torque_limit
+
+    def reset(self):
+        self.law = LawStepper(load_law("flagship"), self.limit)
+
+    def step(self, gyro, reference, force, dt):
+        shares = self.law.step(tuple(gyro), tuple(force))
+        return [share * most for share, most in zip(shares, self.limit)]
+
+class fall:
+    def reset(self):
+        pass
+
+    def step(self, gyro, reference, force, dt):
+        return 3.0, 0.0, 0.0
+"""
 
 
 @pytest.fixture
@@ -33,8 +55,22 @@ def test_a_weaker_law_is_worse_and_the_same_law_alike(laws: Path) -> None:
     assert (first["name"], first["verdict"], first["error_ratio"]) == ("flagship", None, None)
     assert (weak["verdict"], same["verdict"]) == ("worse", "alike")
     assert 1.0 < weak["error_ratio_low"] < weak["error_ratio"] < weak["error_ratio_high"] < 1.15
-    assert weak["flights"] < 20
-    assert same["flights"] < 20
+    assert weak["seeds"] < 20
+    assert same["seeds"] < 20
+
+
+def test_several_scenarios_and_a_controller_of_ones_own_are_told_apart_with_their_margins(laws: Path) -> None:
+    (laws / "mine.py").write_text(OWN)
+    (laws / "other.toml").write_text(SHORT.replace("15.0", "8.0").replace("6.0", "2.0"))
+    words = "compare short.toml other.toml --law flagship --law mine.py:make --law mine.py:fall --runs 2 --json"
+    result = CliRunner().invoke(app, words.split())
+    first, mine, fall = json.loads(result.stdout)
+    assert mine["Ms"] == pytest.approx(first["Ms"], rel=0.03)
+    assert mine["delay_margin_s"] == pytest.approx(first["delay_margin_s"], rel=0.05)
+    assert list(first["by_scenario"]) == ["short", "other"]
+    assert mine["by_scenario"] == pytest.approx({"short": 1.0, "other": 1.0}, rel=1e-3)
+    assert (mine["failed"], fall["failed"], round(fall["steady_rmse_deg"], 9), fall["Ms"]) == (0, 4, 60.0, None)
+    assert result.exit_code == 0  # two seeds tell nothing yet
 
 
 def test_the_table_is_written_for_a_review_and_a_build_server(laws: Path) -> None:

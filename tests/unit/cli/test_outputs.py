@@ -48,7 +48,6 @@ campaign fly gust-roll -o there.xml -o new.parquet
 report run -o there.ulg
 campaign rare gust-roll 'peak_deg > 1' -o there.toml
 compare gust-roll --law flagship --law pid-fair -o there.md
-league --entry flagship -o there.html
 export flagship -o there.c
 export flagship -o new.c
 export flagship -o there.mat

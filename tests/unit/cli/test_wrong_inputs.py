@@ -247,8 +247,6 @@ audit
 audit nothing
 audit none.py
 audit broken.py
-league --entries nothing
-league nothing
 controller check
 controller check nothing
 controller --law nothing
@@ -276,13 +274,11 @@ judge hinf-d1 --vehicle paper --seed -1
 judge hinf-d1 --vehicle paper -o x.txt
 judge hinf-d1 --vehicle paper -o nowhere/x.html
 judge hinf-d1 --vehicle paper --better x.txt
-league --runs 0
-league --workers 0
-league --vehicle bike
-league --scenario nowhere
-league --entry nothing
-league --seed -1
 compare paper --autopilot px4 --runs 0
+compare paper nowhere --law flagship
+compare course --law nothing
+compare course --law flagship --law mine.py:make
+compare paper --law "exec: node mine.mjs"
 compare paper --autopilot px4 --vehicle bike
 compare paper --autopilot px4 --build nowhere
 tune iris --scenario nowhere

@@ -62,7 +62,7 @@ def test_every_field_that_is_printed_is_explained(command: str, title: str) -> N
 
 
 def test_a_field_that_no_table_has_is_found() -> None:
-    assert unexplained("An operating point", {"Ms", "slow"}) == ["slow"]
+    assert unexplained("A comparison", {"Ms", "slow"}) == ["slow"]
 
 
 def test_every_field_has_a_meaning() -> None:

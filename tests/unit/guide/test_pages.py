@@ -78,10 +78,10 @@ def test_command_of_a_page_has_these_options_and_names(words: tuple[str, ...]) -
             name = command.find_meant(arguments)
         command = command.commands[name]
     command.make_context(name, list(arguments))  # raises for an unknown option, a wrong type or too few arguments
-    laws = [value for option, value in pairwise(arguments) if option in {"--law", "--entry"}]
-    assert all(law.partition("@")[0] in list_laws() or law.endswith(LAW_FILES) for law in laws)
+    laws = [value for option, value in pairwise(arguments) if option == "--law"]
+    assert all(law in list_laws() or law.endswith((*LAW_FILES, ":make")) for law in laws)
     if name in {"fly", "compare"}:
-        assert arguments[0].endswith(".toml") or arguments[0] in list_scenarios()
+        assert arguments[0].endswith(".toml") or arguments[0] in [*list_scenarios(), "course"]
 
 
 def test_every_other_program_of_the_pages_is_expected() -> None:

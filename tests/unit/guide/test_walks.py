@@ -51,7 +51,7 @@ GUIDE = Path(str(files("gustproof.guide")))
 README = Path(__file__).parents[3] / "README.md"
 WALKED_BESIDE = ("tutorial", "vehicle")
 PAGES = (
-    "log", "px4", "ardupilot", "theory", "scenario", "commands", "campaign", "wind", "league", "prove", "controllers",
+    "log", "px4", "ardupilot", "theory", "scenario", "commands", "campaign", "wind", "prove", "controllers",
     "protocol", "figures", "export", "matlab", "autopilots", "outside", "ground-station", "viewers", "install",
     "README", "tutorial", "vehicle", "course",
 )  # fmt: skip
@@ -61,7 +61,7 @@ FEWER = (
     (r"^campaign (?!rerun|.*--runs).*", r"\g<0> --runs 4"),
     (r"^wind-limit .*", r"\g<0> --risk 0.3"),
     (r"^worst-case .*", r"\g<0> --flights 100 --horizon 2"),
-    (r"^league .*", r"\g<0> --runs 1 --scenario gust-2s --vehicle paper"),
+    (r"^(compare course .*)", r"\1 --runs 2"),
     (r"^(reproduce .*pdf.*)", r"\1 --seeds 1"),
     (r"^tune (.*--slew.*)", r"tune \1 --law lqg"),
     (r"(design hinfstruct D2) 6", r"\1 3 --starts 1"),

@@ -4,11 +4,13 @@ An autopilot steers its own estimate to its own set-point. So its loops are judg
 estimator by the difference to the truth. A heading error of its compass stands in the true error as a mean.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from firmware_model.numerics.rotations import euler_angles
+from firmware_model.types import Vector
 from gustproof.types import Array, Records
 
 
@@ -54,10 +56,16 @@ def compare_estimates(records: Records, estimates: Records) -> EstimatorView | N
     )
 
 
-def steady_rmse_deg(records: Records) -> float:
-    """Return the rms [deg] of the true Euler angles of a flight (n,), with each axis' mean removed."""
-    angles = euler_angles(records["q_NB"])
-    return _rms(angles - angles.mean(axis=0))
+def steady_rmse_deg(records: Records, references: Sequence[tuple[int, Vector]] = ()) -> float:
+    """Return the rms [deg] of a flight's attitude error (n,), with each axis' mean removed.
+
+    `references` are those of a scenario: stamp [us] of the first sample, and roll, pitch, yaw [rad].
+    """
+    wanted = np.zeros((len(records), 3))
+    for time_us, euler in references:
+        wanted[records["time_us"] >= time_us] = euler
+    errors = _differences(euler_angles(records["q_NB"]), wanted)
+    return _rms(errors - errors.mean(axis=0))
 
 
 def _differences(a: Array, b: Array) -> Array:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -17,20 +18,39 @@ HEADINGS = (
     "RMSE [deg]",
     "RMSE as it sees it [deg]",
     "torque slew [N m/s]",
-    "flights",
+    "Ms",
+    "delay margin [ms]",
+    "seeds",
+    "failed",
     "speed [x real time]",
 )
 
 
-def render_comparison(title: str, rows: Iterable[ComparisonRow]) -> Renderable:
-    """Return the table, a row for each controller."""
-    table = Table(title=title, caption=explain())
-    table.add_column("", no_wrap=True)
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(Text(row.name), *_cells(row))
+def render_comparison(title: str, rows: Sequence[ComparisonRow]) -> Renderable:
+    """Return the table, a row for each controller; of a course also one with a row for each scenario."""
+    tables = [_render_table(HEADINGS, [[row.name, *_cells(row)] for row in rows], title, explain())]
+    if rows[0].by_scenario:
+        tables.append(_render_table(*_by_scenario(rows)))
+    return Group(*tables)
+
+
+def _render_table(
+    headings: Sequence[str], lines: Sequence[Sequence[str]], title: str | None = None, caption: str | None = None
+) -> Table:
+    """Return a table without the columns that are empty."""
+    table = Table(title=title, caption=caption)
+    kept = [k for k in range(1 + len(headings)) if any(line[k] for line in lines)]
+    for k in kept:
+        table.add_column(headings[k - 1] if k else "", justify="right" if k else "left", no_wrap=k == 0)
+    for line in lines:
+        table.add_row(*(Text(line[k]) for k in kept))
     return table
+
+
+def _by_scenario(rows: Sequence[ComparisonRow]) -> tuple[list[str], list[list[str]]]:
+    """Return headings and lines of the table of scenarios: the first's error, then the others' over it."""
+    names = [f"{rows[0].name} [deg]", *(f"{row.name} [x]" for row in rows[1:])]
+    return names, [[name, *(format_number(row.by_scenario[name]) for row in rows)] for name in rows[0].by_scenario]
 
 
 def explain() -> str:
@@ -39,11 +59,15 @@ def explain() -> str:
     return f"Paired flights, geometric mean; {ends}; alike is within {100.0 * SMALL:g} %."
 
 
-def render_markdown(title: str, rows: Iterable[ComparisonRow]) -> str:
-    """Return the table in Markdown."""
-    lines = [f"### {title}", "", f"| | {' | '.join(HEADINGS)} |", f"|---|{'---|' * len(HEADINGS)}"]
-    lines += [f"| {row.name.replace('|', chr(92) + '|')} | {' | '.join(_cells(row))} |" for row in rows]
-    return "\n".join([*lines, "", explain(), ""])
+def render_markdown(title: str, rows: Sequence[ComparisonRow]) -> str:
+    """Return the tables in Markdown."""
+    lines = [f"### {title}", "", *_mark_table(HEADINGS, [[row.name, *_cells(row)] for row in rows]), "", explain(), ""]
+    return "\n".join([*lines, *([*_mark_table(*_by_scenario(rows)), ""] if rows[0].by_scenario else [])])
+
+
+def _mark_table(headings: Sequence[str], lines: Iterable[Iterable[str]]) -> list[str]:
+    cells = [["", *headings], ["---"] * (1 + len(headings)), *lines]
+    return [f"| {' | '.join(each.replace('|', chr(92) + '|') for each in line)} |" for line in cells]
 
 
 def render_junit(title: str, rows: Sequence[ComparisonRow]) -> str:
@@ -64,7 +88,9 @@ def describe_change(row: ComparisonRow) -> str:
 
 
 def _cells(row: ComparisonRow) -> list[str]:
-    figures = row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms
+    margin = None if row.delay_margin_s is None else 1e3 * row.delay_margin_s
+    figures = row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms, row.Ms, margin
     told = ["" if figure is None else format_number(figure) for figure in figures]
     speed = "" if row.realtime_factor is None else format_number(row.realtime_factor)
-    return [format_number(row.steady_rmse_deg), describe_change(row), *told, str(row.flights), speed]
+    failed = str(row.failed or "")
+    return [format_number(row.steady_rmse_deg), describe_change(row), *told, str(row.seeds), failed, speed]

@@ -1,51 +1,69 @@
-"""Real autopilots and laws side by side: the same scenario, vehicle and seeds, each in its own loops.
+"""Real autopilots, laws and controllers side by side: the same scenarios, vehicle and seeds, each in its own loops.
 
-Each is compared with the first, flight by flight, until it is known to be better, worse or alike.
+Each is compared with the first, seed by seed, until it is known to be better, worse or alike.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
+from statistics import geometric_mean, median
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.errors import FlightError
-from gustproof.flight.routes.direct import fly_direct
+from gustproof.errors import DesignError, FlightError
+from gustproof.flight.controllers.user_controller import Controller
+from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
+from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
+from gustproof.flight.routes.upsets import first_tilt_s
 from gustproof.flight.scoring.estimator_view import EstimatorView, steady_rmse_deg
 from gustproof.flight.scoring.metrics import Metrics, measure
-from gustproof.law.form import Law
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import Change, error_ratio, find_change
+from gustproof.studies.operating_point import MeasuredPoint, measure_operating_point
 from gustproof.types import Records
+
+AnyController = ExternalAutopilot | Controller
+"""A real autopilot, or what flies here."""
+WORST_DEG = 60.0
+"""[deg] error that counts for a failed flight, and the largest that counts for any."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonRow:
-    """Medians over the flights of one controller; angles over three axes."""
+    """Medians over the seeds of one controller, of geometric means over the scenarios; angles over three axes."""
 
     name: str
     """Controller."""
     steady_rmse_deg: float
-    """[deg] rms of the true attitude with each axis' mean removed."""
+    """[deg] rms of the true attitude error with each axis' mean removed."""
     rmse_deg: float
     """[deg] rms of the true attitude; it holds the heading error of an autopilot's compass."""
     own_rmse_deg: float | None
-    """[deg] rms of the error that an autopilot sees itself; `None` for a law here."""
+    """[deg] rms of the error that an autopilot sees itself; `None` for what flies here."""
     torque_slew_rms: float
     """[N*m/s] rms of the commanded torque's change."""
+    Ms: float | None
+    """[-] largest sensitivity peak of an axis, measured in flights here; `None` of an autopilot, or if it can't be."""
+    delay_margin_s: float | None
+    """[s] least destabilising additional delay, likewise."""
     realtime_factor: float | None
-    """[-] simulated time over wall time; `None` for a law here."""
-
-    flights: int
-    """Number of flights."""
+    """[-] simulated time over wall time; `None` for what flies here."""
+    seeds: int
+    """Number of seeds, each flown in all scenarios."""
+    failed: int
+    """Number of flights that broke off, diverged or tilted past 90 deg, and count as `WORST_DEG`."""
     ratio: IntervalEstimate | None
-    """[-] `steady_rmse_deg` over that of the first controller in the same flights; `None` for the first."""
+    """[-] `steady_rmse_deg` over that of the first controller in the same seeds; `None` for the first."""
+    by_scenario: dict[str, float]
+    """[-] the same in each scenario, if there are several; [deg] for the first its error."""
 
     @property
     def change(self) -> Change | None:
@@ -54,46 +72,65 @@ class ComparisonRow:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the row as JSON values."""
-        found = {name: value for name, value in asdict(self).items() if name != "ratio"}
         value, low, high = self.ratio or (None, None, None)
-        ends = {"error_ratio": value, "error_ratio_low": low, "error_ratio_high": None if high == math.inf else high}
-        return {**found, **ends, "verdict": None if self.change is None else self.change.value}
+        return {
+            "name": self.name,
+            "steady_rmse_deg": self.steady_rmse_deg,
+            "rmse_deg": self.rmse_deg,
+            "own_rmse_deg": self.own_rmse_deg,
+            "torque_slew_rms": self.torque_slew_rms,
+            "Ms": self.Ms,
+            "delay_margin_s": self.delay_margin_s,
+            "realtime_factor": self.realtime_factor,
+            "seeds": self.seeds,
+            "failed": self.failed,
+            "by_scenario": self.by_scenario,
+            "error_ratio": value,
+            "error_ratio_low": low,
+            "error_ratio_high": None if high == math.inf else high,
+            "verdict": None if self.change is None else self.change.value,
+        }
 
 
 def compare(
-    scenario: Scenario,
+    scenarios: Sequence[Scenario],
     vehicle: Vehicle,
-    controllers: Mapping[str, ExternalAutopilot | Law],
+    controllers: Mapping[str, AnyController],
     seeds: Sequence[int],
     progress: Callable[[float, str], None] = lambda *_: None,
 ) -> list[ComparisonRow]:
     """Fly controllers, by their names, with the same seeds and return the row of each; autopilots leave no files.
 
-    A controller flies on, seed by seed, until its error over that of the first is known, see `find_change`.
+    A controller flies on, seed by seed, until its error over that of the first is known, see `find_change`. Its error
+    with a seed is the geometric mean over the scenarios.
 
     Raises
     ------
     ConfigError
-        If an autopilot can't be started as requested.
+        If a controller can't be started as requested.
     FlightError
-        If a flight ends before the scenario does.
+        If a flight of a real autopilot ends before the scenario does.
     """
-    named = list(controllers.items())
-    flown: list[list[_Flown]] = [[] for _ in named]
-    still = list(range(len(named)))
+    flown: dict[str, _Flights] = {name: [] for name in controllers}
+    still = list(controllers)
+    first = flown[still[0]]
     for j, seed in enumerate(seeds):
-        for place, i in enumerate(still):
-            name, controller = named[i]
+        for place, name in enumerate(still):
             progress((j + place / len(still)) / len(seeds), f"{name}, seed {seed}")
-            flown[i].append(_fly(scenario, vehicle, controller, seed))
-        if len(named) > 1:
-            still = [0, *(i for i in still[1:] if find_change(_ratio(flown[i], flown[0])) is Change.OPEN)]
-            if len(still) == 1:
-                break
-    first = flown[0]
+            flown[name].append([_fly(each, vehicle, controllers[name], seed) for each in scenarios])
+        still[1:] = [each for each in still[1:] if find_change(_ratio(flown[each], first)) is Change.OPEN]
+        if len(still) == 1 < len(controllers):
+            break
+    names = [each.name for each in scenarios]
     return [
-        _median_row(name, each, _ratio(each, first) if i else None)
-        for i, (name, each) in enumerate(zip(controllers, flown, strict=True))
+        _make_row(
+            name,
+            each,
+            None if each is first else first,
+            names,
+            _measure_point(controllers[name], vehicle, scenarios[0]),
+        )
+        for name, each in flown.items()
     ]
 
 
@@ -105,45 +142,91 @@ class _Flown(NamedTuple):
     own_rmse_deg: float | None  # [deg]
     torque_slew_rms: float  # [N*m/s]
     realtime_factor: float | None  # [-]
+    failed: bool
 
 
-def _ratio(flown: Sequence[_Flown], first: Sequence[_Flown]) -> IntervalEstimate:
-    return error_ratio([each.steady_rmse_deg for each in flown], [each.steady_rmse_deg for each in first[: len(flown)]])
+_Flights = list[list[_Flown]]  # seeds, scenarios
 
 
-def _fly(scenario: Scenario, vehicle: Vehicle, controller: ExternalAutopilot | Law, seed: int) -> _Flown:
-    if isinstance(controller, Law):
-        records = fly_direct(scenario, controller, vehicle=vehicle, seed=seed)
-        return _make_row(records, measure(records, vehicle, scenario), None)
+def _errors(flown: _Flights) -> list[float]:
+    return [geometric_mean(each.steady_rmse_deg for each in seed) for seed in flown]
+
+
+def _ratio(flown: _Flights, first: _Flights) -> IntervalEstimate:
+    return error_ratio(_errors(flown), _errors(first[: len(flown)]))
+
+
+def _fly(scenario: Scenario, vehicle: Vehicle, controller: AnyController, seed: int) -> _Flown:
+    if not isinstance(controller, ExternalAutopilot):
+        with np.errstate(all="ignore"):  # a loop that diverges is a result
+            flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
+            return _read_flight(flight, measure(flight.records, vehicle, scenario), None)
     with TemporaryDirectory() as folder:
         flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:
         raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise FlightError(flight.message)
-    return _make_row(flight.records, flight.metrics, flight.estimator_view)
+    return _read_flight(flight, flight.metrics, flight.estimator_view)
 
 
-def _make_row(records: Records, figures: Metrics, view: EstimatorView | None) -> _Flown:
+def _read_flight(flight: Flight, figures: Metrics, view: EstimatorView | None) -> _Flown:
+    error, rmse = _steady_error(flight.records, flight.scenario), figures.rmse_deg
+    fell = flight.outcome is not FlightOutcome.DONE or first_tilt_s(flight.records) is not None
+    failed = fell or not error < WORST_DEG
     return _Flown(
-        steady_rmse_deg=steady_rmse_deg(records),
-        rmse_deg=figures.rmse_deg,
+        steady_rmse_deg=WORST_DEG if failed else error,
+        rmse_deg=rmse if rmse < WORST_DEG else WORST_DEG,
         own_rmse_deg=None if view is None else view.control_rmse_deg,
         torque_slew_rms=figures.torque_slew_rms,
         realtime_factor=figures.realtime_factor or None,
+        failed=failed,
     )
 
 
-def _median_row(name: str, flown: Sequence[_Flown], ratio: IntervalEstimate | None) -> ComparisonRow:
-    own = [each.own_rmse_deg for each in flown if each.own_rmse_deg is not None]
-    speeds = [each.realtime_factor for each in flown if each.realtime_factor is not None]
+def _steady_error(records: Records, scenario: Scenario) -> float:
+    return steady_rmse_deg(records, scenario.references) if len(records) else math.inf
+
+
+def _measure_point(controller: AnyController, vehicle: Vehicle, scenario: Scenario) -> MeasuredPoint | None:
+    """Return the operating point of what flies here, by flights in calm air; `None` if it can't be measured."""
+    if not isinstance(controller, ExternalAutopilot):
+        with suppress(DesignError, ValueError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+            return measure_operating_point(controller, vehicle, scenario, seeds=())
+    return None
+
+
+def _make_row(
+    name: str, flown: _Flights, first: _Flights | None, scenarios: Sequence[str], point: MeasuredPoint | None
+) -> ComparisonRow:
+    """Return the row of a controller; `first` are the flights that it is compared with."""
+    margin = math.inf if point is None else point.delay_margin
     return ComparisonRow(
         name=name,
-        steady_rmse_deg=median(each.steady_rmse_deg for each in flown),
-        rmse_deg=median(each.rmse_deg for each in flown),
-        own_rmse_deg=median(own) if own else None,
-        torque_slew_rms=median(each.torque_slew_rms for each in flown),
-        realtime_factor=median(speeds) if speeds else None,
-        flights=len(flown),
-        ratio=ratio,
+        steady_rmse_deg=median(_errors(flown)),
+        rmse_deg=median(geometric_mean(each.rmse_deg for each in seed) for seed in flown),
+        own_rmse_deg=_middle(flown, "own_rmse_deg"),
+        torque_slew_rms=median(geometric_mean(each.torque_slew_rms for each in seed) for seed in flown),
+        Ms=None if point is None else point.Ms,
+        delay_margin_s=margin if math.isfinite(margin) else None,
+        realtime_factor=_middle(flown, "realtime_factor"),
+        seeds=len(flown),
+        failed=sum(each.failed for seed in flown for each in seed),
+        ratio=None if first is None else _ratio(flown, first),
+        by_scenario=dict(_by_scenario(flown, first, scenarios)),
     )
+
+
+def _middle(flown: _Flights, figure: str) -> float | None:
+    """Return the median of a figure over all flights; `None` if none has it."""
+    found = [value for seed in flown for each in seed if (value := getattr(each, figure)) is not None]
+    return median(found) if found else None
+
+
+def _by_scenario(flown: _Flights, first: _Flights | None, scenarios: Sequence[str]) -> Iterator[tuple[str, float]]:
+    """Yield each of several scenarios with the error in it [deg], or over that of `first`."""
+    for k, name in enumerate(scenarios if len(scenarios) > 1 else ()):
+        mine, its = (
+            geometric_mean(seed[k].steady_rmse_deg for seed in each) for each in (flown, (first or flown)[: len(flown)])
+        )
+        yield name, mine if first is None else mine / its

@@ -1,1 +1,0 @@
-"""The league: controllers flown in the same seeds, at measured operating points, and ranked with confidence."""
