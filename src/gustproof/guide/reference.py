@@ -212,7 +212,13 @@ def _message_fields(message: Any) -> str:
 _TASKS = {
     "Synthesise": ("gustproof.robust", "gustproof.law.discretize", "gustproof.design.de"),
     "Prove": ("gustproof.prove", "gustproof.checker", "gustproof.studies.worst_case"),
-    "Tune and judge": ("gustproof.design", "gustproof.studies.rate", "gustproof.airframe", "gustproof.logs"),
+    "Tune and judge": (
+        "gustproof.design",
+        "gustproof.studies.rate",
+        "gustproof.airframe",
+        "gustproof.logs",
+        "gustproof.errors",
+    ),
     "Fly": ("firmware_model", "gustproof"),
 }
 """Tasks, and the rooms whose public names serve each; the first that fits counts."""
