@@ -45,6 +45,7 @@ from gustproof.show.reproduce import run as paper
 from gustproof.studies.campaign import executors
 from gustproof.studies.rate import judge as judging
 from gustproof.studies.rate import placement
+from gustproof.studies.wind_limit import wind_flight
 
 pytestmark = [pytest.mark.slow]
 GUIDE = Path(str(files("gustproof.guide")))
@@ -191,6 +192,7 @@ def prepare(folder: Path, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(tuning, "_PEAKS", (1.3, 1.6))
     patch.setattr(report_of_laws, "_FREQUENCIES", np.geomspace(1.0, 100.0, 50))
     patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)  # half of a figure's time; its tests lay it out
+    patch.setattr(wind_flight, "MINUTE_S", 5.0)
     patch.setattr(judging, "_FLIGHTS", 100)
     patch.setattr(judging, "_SEARCH_S", 1.0)
     patch.setattr(judging, "_prove", lambda *_: (None, "left out"))  # as in the tests of judge, beside those of proofs

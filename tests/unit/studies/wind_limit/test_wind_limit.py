@@ -2,12 +2,14 @@
 
 import json
 import math
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
@@ -17,12 +19,24 @@ from gustproof.law.form import Law, load_law
 from gustproof.show.report.html.wind_page import write_wind_page
 from gustproof.show.report.wind_lines import describe_limit
 from gustproof.studies.campaign.plan import Campaign, select_spreads, usual_dispersions
+from gustproof.studies.wind_limit import kept as kept_words
+from gustproof.studies.wind_limit import wind_flight
+from gustproof.studies.wind_limit import wind_limit as study
 from gustproof.studies.wind_limit.kept import parse_keep, shares
 from gustproof.studies.wind_limit.wind_flight import gust_scenario, wind_scenario
 from gustproof.studies.wind_limit.wind_limit import WindLimit, _Study, find_wind_limit, fly_shares
 
 AIR, RISK = load_scenario("paper-turbulence"), 0.2
 KEEP = "error<0.6, saturated<1 %"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def a_minute_is_short() -> Iterator[None]:
+    """Fly a quarter of a minute: what is tested does not depend on it."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (kept_words, wind_flight, study):
+            patch.setattr(module, "MINUTE_S", 15.0)
+        yield
 
 
 class Pool(ThreadPoolExecutor):
