@@ -1,4 +1,6 @@
-"""Names of array types, and read-only arrays, checked once on entry."""
+"""Names of array types, read-only arrays, checked once on entry, and numbers of JSON."""
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,3 +28,8 @@ def readonly_copy(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArra
         raise ValueError(f"{name} has a number that is not finite")
     array.flags.writeable = False
     return array
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """Return a number as JSON holds it: `None` for one that is infinite or NaN."""
+    return value if value is not None and math.isfinite(value) else None

@@ -37,6 +37,7 @@ from gustproof.law.form import Law
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.robust.lti.state_space import Matrix
 from gustproof.robust.shown import Shown
+from gustproof.types import finite_or_none
 
 SENSITIVITY_PEAK = 1.4
 """[-] sensitivity peak if none is asked for."""
@@ -125,10 +126,10 @@ class Tuning(Shown):
             "rmse_deg": math.degrees(self.rmse),
             "least_rmse_deg": None if self.least_rmse is None else math.degrees(self.least_rmse),
             "any_Ms_rmse_deg": None if self.any_Ms_rmse is None else math.degrees(self.any_Ms_rmse),
-            "off_nominal_Ms": _finite(self.off_nominal_Ms),
+            "off_nominal_Ms": finite_or_none(self.off_nominal_Ms),
             "phase_margin_deg": math.degrees(self.phase_margin),
-            "gain_margin": _finite(self.gain_margin),
-            "delay_margin_s": _finite(self.delay_margin),
+            "gain_margin": finite_or_none(self.gain_margin),
+            "delay_margin_s": finite_or_none(self.delay_margin),
         }
 
 
@@ -318,10 +319,6 @@ def worst_margins(law: Law, vehicle: Vehicle, scenario: Scenario) -> LoopMargins
     """
     axes = input_margins(hover_plant(vehicle, scenario, with_attitude=law.uses_accelerometer), loop_law(law))
     return worst_loop(axes)
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
 
 
 def _make_aided(task: TuningTask, limits: TuningLimits) -> Law:

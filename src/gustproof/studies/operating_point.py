@@ -31,7 +31,7 @@ from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import measure
 from gustproof.robust.lti.margins import LoopMargins, response_margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
-from gustproof.types import Records
+from gustproof.types import Records, finite_or_none
 
 _AXES = ("roll", "pitch", "yaw")
 PERIOD_S, _SETTLING_S = 16.0, 16.0
@@ -94,16 +94,16 @@ class MeasuredPoint:
             "vehicle": self.vehicle,
             "scenario": self.scenario,
             "Ms": self.Ms,
-            "gain_margin": _finite(self.gain_margin),
-            "delay_margin_s": _finite(self.delay_margin),
+            "gain_margin": finite_or_none(self.gain_margin),
+            "delay_margin_s": finite_or_none(self.delay_margin),
             "slew": self.slew,
             "distortion": self.distortion,
             "axes": {
                 name: {
                     "Ms": axis.Ms,
-                    "gain_margin": _finite(axis.gain_margin),
+                    "gain_margin": finite_or_none(axis.gain_margin),
                     "gain_reduction_margin": axis.gain_reduction_margin,
-                    "delay_margin_s": _finite(axis.delay_margin),
+                    "delay_margin_s": finite_or_none(axis.delay_margin),
                     "phase_margin_deg": math.degrees(axis.phase_margin),
                     "crossover_rad_s": axis.crossover,
                 }
@@ -302,7 +302,3 @@ def _fly_slew(controller: Controller, vehicle: Vehicle, scenario: Scenario, seed
             raise DesignError(f"'{controller.name}' has no operating point on '{vehicle.name}': {flight.message}")
         squares.append(measure(flight.records, vehicle, scenario).torque_slew_rms ** 2)
     return math.sqrt(float(np.mean(squares)))
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -12,6 +12,7 @@ from firmware_model.types import Vector
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.rate.flight_error import LEAST_HZ
 from gustproof.studies.rate.tuning_steps import MOST_GAIN, TuningStep
+from gustproof.types import finite_or_none
 
 _FEEL = (
     "After each step hover and stop hard: a rising tone, twitching or warm motors tell too much. Then go back a step, "
@@ -44,13 +45,13 @@ def steps_document(steps: Sequence[TuningStep]) -> list[dict[str, Any]]:
     return [
         {
             "parameters": step.tuning.parameters,
-            "true_rmse_deg": _finite(math.degrees(step.tuning.rmse)),
+            "true_rmse_deg": finite_or_none(math.degrees(step.tuning.rmse)),
             "flight_rmse_deg": None if step.flight_rmse is None else [math.degrees(each) for each in step.flight_rmse],
-            "slew": _finite(step.tuning.slew),
-            "Ms": _finite(step.tuning.Ms),
-            "Ms_over_spreads": _finite(step.tuning.corner_Ms),
-            "gain_margin": None if step.margins is None else _finite(step.margins.gain_margin),
-            "delay_margin_s": None if step.margins is None else _finite(step.margins.delay_margin),
+            "slew": finite_or_none(step.tuning.slew),
+            "Ms": finite_or_none(step.tuning.Ms),
+            "Ms_over_spreads": finite_or_none(step.tuning.corner_Ms),
+            "gain_margin": None if step.margins is None else finite_or_none(step.margins.gain_margin),
+            "delay_margin_s": None if step.margins is None else finite_or_none(step.margins.delay_margin),
         }
         for step in steps
     ]
@@ -63,7 +64,3 @@ def _cells(angles: Vector) -> str:
 
 def _cell(value: float) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "unstable"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -41,7 +41,7 @@ from gustproof.studies.campaign.intervals import CONFIDENCE, IntervalEstimate, p
 from gustproof.studies.campaign.plan import Campaign, is_given, trust
 from gustproof.studies.campaign.sampling import Sampling, draw_normals, flight_seeds, place_deltas
 from gustproof.studies.campaign.worker import FIGURES, load_campaign
-from gustproof.types import Array
+from gustproof.types import Array, finite_or_none
 
 ENSEMBLES = 16
 """Independent ensembles that pass the levels; their spread gives the interval."""
@@ -140,11 +140,11 @@ class RareEstimate:
             "interval": [low, high],
             "confidence": CONFIDENCE,
             "flights": self.flights,
-            "plain_flights": _finite(self.plain_flights),
+            "plain_flights": finite_or_none(self.plain_flights),
             "levels": list(self.levels),
             "hits": [
                 {
-                    "value": _finite(hit.value),
+                    "value": finite_or_none(hit.value),
                     "seed": hit.seed,
                     "turns": [{"seed": turn.seed, "angle_rad": turn.angle_rad} for turn in hit.turns],
                     "deltas": list(hit.deltas),
@@ -152,10 +152,6 @@ class RareEstimate:
                 for hit in self.hits
             ],
         }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def parse_threshold(text: str) -> Threshold:

@@ -19,6 +19,7 @@ from gustproof.airframe.hover import loop_law
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.law.form import Law
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
+from gustproof.types import finite_or_none
 
 _FACTORS = np.geomspace(0.125, 4.0, 121)
 """[-] scales of the rate gains that are tried, 3 % apart."""
@@ -241,8 +242,8 @@ class _Advisor:
             phase=self._phase_cost(family) if family.unit else None,
             gains={_AXES[axis]: float(_FACTORS[scales[axis]]) for axis in family.axes},
             Ms={_AXES[axis]: float(axes[axis].peaks[scales[axis]]) for axis in family.axes},
-            rmse_deg=(_finite(self._before[0]), rmse),
-            slew=(_finite(self._before[1]), slew),
+            rmse_deg=(finite_or_none(self._before[0]), rmse),
+            slew=(finite_or_none(self._before[1]), slew),
             open_axes=len({*self._open} - {*family.axes}),
         )
 
@@ -275,10 +276,6 @@ def _pool(axes: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 def _rank(advice: Advice) -> tuple[int, float]:
     return advice.open_axes, advice.rmse_deg[1]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _number(value: float | None) -> str:

@@ -12,6 +12,7 @@ from gustproof.robust.lti.margins import LoopMargins, worst_loop
 from gustproof.studies.rate.advice import autopilot_kind
 from gustproof.studies.rate.failure_case import is_held
 from gustproof.studies.rate.judge import SAME, Judgement, Verdict
+from gustproof.types import finite_or_none
 
 _RANKS = tuple(Verdict)
 """Verdicts, the best first."""
@@ -74,7 +75,10 @@ class Improvement:
             "at_limits": [f"{name} {values[name]:.4g}: {text}" for name, text in self.find_limits().items()],
             "where_now_fails": None
             if flown is None or failure is None
-            else {"now_peak_deg": _finite(failure.figures.peak_deg), "better_peak_deg": _finite(flown.peak_deg)},
+            else {
+                "now_peak_deg": finite_or_none(failure.figures.peak_deg),
+                "better_peak_deg": finite_or_none(flown.peak_deg),
+            },
         }
 
     def _ratios(self) -> Iterator[tuple[str, float]]:
@@ -112,7 +116,3 @@ def describe_end(figures: Metrics | None) -> str:
     if figures is None:
         return "-"
     return f"{figures.peak_deg:.3g}" if is_held(figures) else "attitude is lost"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -35,7 +35,7 @@ from gustproof.studies.wind_limit.wind_flight import (
     tracks_references,
     wind_scenario,
 )
-from gustproof.types import Array
+from gustproof.types import Array, finite_or_none
 
 LEAST, MOST = 0.5, 40.0
 """[m/s] wind speeds at 20 ft that are searched."""
@@ -141,15 +141,15 @@ class WindLimit:
             "holds_place": self.holds_place,
             "from_deg": self.from_deg,
             "tilt_deg": self.tilt_deg,
-            "turbulence_mps": _finite(limit.best),
+            "turbulence_mps": finite_or_none(limit.best),
             "shown_below_mps": limit.low,
             "shown_above_mps": limit.high,
             "flights": limit.flights,
-            "gust_mps": _finite(gust.speed),
+            "gust_mps": finite_or_none(gust.speed),
             "gust_length_s": gust.length_s,
             "gust_from": gust.source,
             "proved_gust_mps": self.proved.speed,
-            "proved_attitude_deg": _finite(self.proved.attitude_deg),
+            "proved_attitude_deg": finite_or_none(self.proved.attitude_deg),
             "proof_note": self.proved.note,
             "limited_by": dict(self.causes),
         }
@@ -427,7 +427,3 @@ def _law_of(campaign: Campaign) -> Law:
     law = campaign.laws[0]
     assert isinstance(law, Law)  # as this study makes it
     return law
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
