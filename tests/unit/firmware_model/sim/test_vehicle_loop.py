@@ -11,11 +11,20 @@ from firmware_model.config.vehicle import GRAVITY, Vehicle, load_vehicle
 from firmware_model.config.waveforms import Constant, MomentRamp, MomentSine
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.physics.battery import BatteryState
-from firmware_model.recording.journal import RECORD
+from firmware_model.recording.journal import RECORD, record_type
 from firmware_model.sim.layout import X_BATTERY, X_LOAD
 from firmware_model.sim.state import initial_state
 from firmware_model.sim.vehicle_loop import VehicleLoop
-from firmware_model.types import AttitudeTarget, LevelFlight, MotorsOff, PositionTarget, Setpoint, TorqueCommand, Trim
+from firmware_model.types import (
+    AttitudeTarget,
+    LevelFlight,
+    MotorsOff,
+    PositionTarget,
+    RotorCommand,
+    Setpoint,
+    TorqueCommand,
+    Trim,
+)
 
 VEHICLE = load_vehicle("paper")
 QUIET = Scenario(name="quiet", description="", duration_s=8.0, gyro=GyroFault(noise=False))
@@ -54,6 +63,22 @@ def test_whole_milliseconds_of_a_stamp_do_not_age_an_attitude_target() -> None:
     targets = [rates._replace(time_us=2500 * sample // 1000 * 1000) for sample in range(9)]
     ages = [loop.advance(target, 0).view(RECORD)["command_age"][0, 0] for target in targets]
     assert ages[1:] == [1.0] * 8
+
+
+@pytest.mark.parametrize("name", ["iris", "octo"])
+def test_thrusts_of_rotors_command_the_torque_of_their_places(name: str) -> None:
+    rotors = load_vehicle(name).rotors
+    given = tuple(np.random.default_rng(1).uniform(0.2, 0.8, rotors.count).tolist())
+    loop = VehicleLoop(load_vehicle(name), replace(QUIET, delay_samples=0), 1)
+    record = loop.advance(RotorCommand(time_us=0, rotors=given, clamped=False), 0)
+    up = np.array(given) * rotors.thrust_max
+    torque = np.cross(rotors.position_B, np.outer(up, (0.0, 0.0, -1.0))).sum(axis=0)
+    torque[2] += rotors.drag_ratio * (np.array(rotors.spin) @ up)
+    found = record.view(record_type(rotors.count))[0]
+    np.testing.assert_allclose(found["torque_command_B"], torque, rtol=1e-12)
+    assert np.all(np.isnan(found["omega_command_B"]))
+    loop.advance(RotorCommand(time_us=4000, rotors=given, clamped=True), 0)
+    assert loop.on_ground  # clamped on the stand
 
 
 def test_a_sample_stays_the_same_until_the_vehicle_advances() -> None:

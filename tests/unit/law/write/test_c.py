@@ -223,6 +223,14 @@ def test_a_design_can_not_end_or_nest_the_comment_it_stands_in():
     assert header.count("/*") == 1
 
 
+def test_header_says_what_the_named_states_are():
+    states = c_unit(load_law("flagship")).header.split("enum {\n")[1].split("\n};")[0].split(",\n")
+    phi, *angles, p, q, r = (line.strip().removesuffix(",") for line in states)
+    assert phi == "/* estimated attitude [rad] */\n    flagship_PHI = 0"
+    assert p == "/* estimated rates [rad/s] */\n    flagship_P = 3"
+    assert [*angles, q, r] == [f"flagship_{name}" for name in ("THETA = 1", "PSI = 2", "Q = 4", "R = 5")]
+
+
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
 def test_header_serves_a_program_in_cpp_that_starts_at_an_attitude(tmp_path):
     law = load_law("aided")
