@@ -113,8 +113,8 @@ def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, restin
 
 
 LIMITS = {
-    "speed": lambda share: ({"velocity_N": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
-    "rate": lambda share: ({"omega_B": (0.02 * share * 0.6, 0.0, -0.02 * share * 0.8)}, ZERO, ZERO),
+    "speed": lambda share: ({"velocity_N": tuple(0.02 * share * part / 3.0 for part in (2.0, 1.0, -2.0))}, ZERO, ZERO),
+    "rate": lambda share: ({"omega_B": tuple(0.02 * share * part / 3.0 for part in (2.0, 1.0, -2.0))}, ZERO, ZERO),
     "ahead": lambda share: ({}, (0.05 * WEIGHT * share, 0.0, 0.0), ZERO),
     "right": lambda share: ({}, (0.0, -0.05 * WEIGHT * share, 0.0), ZERO),
     "aslant": lambda share: ({}, (-0.03 * WEIGHT * share, 0.04 * WEIGHT * share, 0.0), ZERO),
