@@ -172,6 +172,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
 
 def test_after_touchdown_the_rotors_carry_three_tenths_of_the_weight() -> None:
     loop = VehicleLoop(VEHICLE, replace(QUIET, translation="free"), 1, interactive=True)
+    assert loop.on_ground  # before anything else is observed
     for _ in range(250):
         loop.advance(PositionTarget((0.0, 0.0, 0.0), yaw=0.0, v_down=0.5), 0)
     assert loop.thrust * VEHICLE.rotors.total_thrust == pytest.approx(0.3 * VEHICLE.mass * GRAVITY)

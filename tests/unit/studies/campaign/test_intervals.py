@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import rankdata, spearmanr
+from scipy.stats import f, rankdata, spearmanr
 
 from gustproof.studies.campaign.intervals import importance, mean, positive_mean, proportion, quantile, rank_values
 
@@ -23,6 +23,8 @@ def test_a_mean_is_within_student_s_interval():
 def test_the_median_of_ten_lies_between_the_second_and_the_ninth():
     # H. A. David, H. N. Nagaraja, Order Statistics: 97.9 % for n = 10, and the next narrower pair falls short
     assert quantile(np.arange(10.0), 0.5) == (4.5, 1.0, 8.0)
+    assert quantile(np.arange(6.0), 0.5) == (2.5, 0.0, 5.0)  # 2^-6 = 1.6 % is below 2.5 %, 2^-5 is not
+    assert quantile(np.arange(5.0), 0.5) == (2.0, -math.inf, math.inf)
 
 
 def test_few_runs_do_not_say_how_bad_it_may_get():
@@ -70,6 +72,10 @@ def test_importance_is_the_share_of_the_variance():
     assert found[0].first_order == pytest.approx(0.9, abs=0.01)
     assert found[1].first_order == pytest.approx(0.1, abs=0.01)
     assert found[2].first_order <= 2.0 * found[2].noise < 0.01
+    # Without dependence the mean squares between and within k bins have a ratio of Fisher's distribution.
+    k, n = 32, 20_000
+    ratio = (k - 1) * f.ppf(0.95, k - 1, n - k) / (n - k)
+    assert found[2].noise == pytest.approx(1.0 - (n - 1) / (n - k) / (1.0 + ratio))
     assert found[0].rank_correlation > 0.9
     assert found[1].rank_correlation < -0.2
 
