@@ -110,6 +110,20 @@ def test_spectra_are_those_of_the_standard_within_the_stated_error(air, altitude
     assert np.all(error[[0, 1, 2]] > 0.005)  # the statement is no looser than it needs to be
 
 
+@pytest.mark.parametrize("pole", [ACROSS[0][0], ACROSS[0][-1]])
+def test_a_lag_at_a_pole_of_the_gust_gives_what_one_beside_it_does(pole) -> None:
+    s = dryden_spectrum(AIR, 10.0, 1.0)
+    span = math.pi / 4.0 * 1.339 * pole * s.L_w * s.transverse  # its lag of q is the pole
+    at, beside = (state_space(s, each, 0.004) for each in (span, span * (1.0 + 1e-5)))
+    variances = [(C @ P @ C.T).diagonal() for *_, C, P in (at, beside)]
+    assert variances[0] == pytest.approx(variances[1], rel=1e-3)
+
+
+def test_filters_that_flights_share_can_not_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        karman_filters(dryden_spectrum(AIR, 10.0, 1.0), 1.0, 0.004)[1][0, 0] = 1.0
+
+
 @pytest.mark.parametrize("airspeed", [1e3, 1e9])
 def test_air_that_passes_within_a_sample_is_white(airspeed) -> None:
     s = dryden_spectrum(replace(AIR, airspeed_mps=airspeed), 1.0, 0.5)
