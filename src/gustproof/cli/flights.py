@@ -44,7 +44,7 @@ Same = Annotated[
 ]
 FLIGHT_FILES = (".xml", ".ulg")
 """Endings of files that a flight can be written to beside its recording."""
-_COMPILING_S = 30  # on two cores of 2024
+_COMPILING_S = 15  # on two cores of 2024
 _AUTOPILOT_OPTIONS = ("build", "params", "instance")
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -156,6 +157,18 @@ class Flight(Tabled):
             *([f"requirements: {'; failed: '.join([told, *failed])}"] if self.requirements else []),
             *(f"warning: {line}" for line in self.warnings),
         ]
+
+    def report(self, path: Path | str, *others: "Flight") -> None:
+        """Write the page of `gustproof report` on this flight and `others` to a new file.
+
+        Raises
+        ------
+        ConfigError
+            If there are more flights than a page shows, or the file exists.
+        """
+        show = "gustproof.show.report.html"  # pages stand above what flies
+        runs = import_module(f"{show}.runs").as_runs((self, *others))
+        import_module(f"{show}.page").write_report(runs, Path(path))
 
     def to_arrow(self) -> "pyarrow.Table":
         """Return the samples as a table, see `FlownRecords.to_arrow`."""

@@ -28,6 +28,7 @@ from gustproof.flight.controllers.user_controller import (
 from gustproof.flight.routes.batch import Case
 from gustproof.flight.routes.external import ExternalAutopilot, confirm_autopilot, parse_autopilot
 from gustproof.law.form import Law, parse_law
+from gustproof.robust.shown import Shown
 from gustproof.studies.campaign.sampling import Sampling, draw_deltas, flight_seeds
 from gustproof.types import Array
 from gustproof.version import software_versions
@@ -57,8 +58,8 @@ class DispersionKind(Enum):
     ATTITUDE = "attitude"  # initial attitude
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Campaign(Shown):
     """Complete description of a campaign, enough to repeat it or any of its runs.
 
     Raises
@@ -102,6 +103,16 @@ class Campaign:
             if isinstance(law, Law) and law.dt != self.scenario.dt:
                 every = f"scenario '{self.scenario.name}' every {self.scenario.dt} s"
                 raise ConfigError(f"law '{law.name}' steps every {law.dt} s, {every}")
+
+    def lines(self) -> list[str]:
+        """Return what is flown, how often, and what is drawn."""
+        drawn = ", ".join(self.spreads) or "gusts and noise alone"
+        return [
+            f"campaign in {self.scenario.name} on vehicle {self.vehicles.nominal.name}",
+            f"laws: {', '.join(law.name for law in self.laws)}",
+            f"cases: {self.cases:,} of each, seed {self.seed}",
+            f"drawn: {drawn}, {self.sampling.value}",
+        ]
 
     @property
     def runs(self) -> int:

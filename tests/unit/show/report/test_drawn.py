@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
 from gustproof import Campaign, analyse, compute_statistics, fly, fly_campaign, fly_controller, fly_direct, process_pool
 from gustproof.flight.routes.flight import Flight
 from gustproof.law.form import load_law
@@ -58,9 +59,18 @@ def test_a_campaign_shows_draws_and_tabulates_itself(tmp_path) -> None:
     with process_pool(1) as pool:
         fly_campaign(plan, tmp_path / "mc.parquet", pool)
     found = compute_statistics(tmp_path / "mc.parquet")
+    assert str(plan).splitlines()[1:3] == ["laws: flagship, mine", "cases: 4 of each, seed 1"]
     assert str(found).splitlines()[0] == "gust-roll, vehicle paper: 4 cases"
     assert found.to_arrow().num_rows == 8
     assert [axes.get_xlabel() for axes in found.plot().axes] == ["RMSE [deg]", "peak [deg]"]
+
+
+def test_flights_make_the_page_of_the_command(flight: Flight, tmp_path) -> None:
+    flight.report(tmp_path / "a.html", fly_controller(SCENARIO, MINE), fly_controller(SCENARIO, MINE, seed=2))
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert all(name in page for name in ("flagship, seed 1", "mine, seed 1", "mine, seed 2"))
+    with pytest.raises(ConfigError, match="13 flights, a report shows at most 12"):
+        flight.report(tmp_path / "b.html", *[flight] * 12)
 
 
 def test_what_is_long_as_numbers_is_short_as_text(flight: Flight) -> None:

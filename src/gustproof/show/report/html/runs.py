@@ -1,7 +1,7 @@
 """Flights of a report, read from their bags."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from gustproof.flight.routes.external import parse_autopilot
 from gustproof.flight.routes.flight import Flight, by_kind, parse_metadata, parse_nominal
 from gustproof.flight.routes.outcome import FlightOutcome, describe
 from gustproof.types import Records
+from gustproof.version import software_versions
 
 _PILOTS = ("law", "autopilot", "controller")
 MAX_RUNS = 12
@@ -63,6 +64,28 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
     message = f"{words} ({reason})" if reason else words
     said: dict[str, Any] = {"outcome": outcome, "message": message, "timing": timing, "versions": versions}
     return ReportRun(**flown, **said, label=label, bag=bag, records=records)
+
+
+def as_runs(flights: Sequence[Flight]) -> tuple[ReportRun, ...]:
+    """Return flights that were flown here and now, for a report.
+
+    Raises
+    ------
+    ConfigError
+        If there are more than `MAX_RUNS`.
+    """
+    if len(flights) > MAX_RUNS:
+        raise ConfigError(f"{len(flights)} flights, a report shows at most {MAX_RUNS}")
+    labels = _unique_labels([_describe(flight) for flight in flights])
+    said = ({field.name: getattr(flight, field.name) for field in fields(Flight)} for flight in flights)
+    versions = software_versions()
+    return tuple(ReportRun(**each, label=label, versions=versions) for each, label in zip(said, labels, strict=True))
+
+
+def _describe(flight: Flight) -> dict[str, Any]:
+    """Return the names of a flight as a bag has them."""
+    names = {"law": flight.pilot_name, "scenario": flight.scenario.name, "vehicle": flight.vehicle.name}
+    return {**{key: {"name": name} for key, name in names.items()}, "seed": flight.seed}
 
 
 def _unique_labels(flights: list[dict[str, Any]]) -> list[str]:
