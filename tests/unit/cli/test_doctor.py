@@ -108,7 +108,7 @@ def test_a_build_is_found_where_its_variable_says(tmp_path, monkeypatch):
     (tmp_path / "etc").mkdir()
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "px4").touch()
-    assert checkup.check_autopilot(kind, find).found == str(tmp_path)
+    assert checkup.check_autopilot(kind, find).found == f"{tmp_path}: its version is told when it flies"
 
 
 def test_long_work_is_told_of_where_there_is_no_terminal(capsys, monkeypatch):

@@ -18,6 +18,7 @@ from typing import NamedTuple
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from firmware_model.external.versions import doubt_version, read_version
 from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.kept_code import find_damaged
 from firmware_model.process import realtime, udp
@@ -154,11 +155,16 @@ def check_real_time() -> Check:
 
 
 def check_autopilot(kind: str, find: Callable[[Path | None], Path]) -> Check:
-    """Check where a real autopilot is built; none is needed."""
+    """Check where a real autopilot is built, and whether its version has been tried; none is needed."""
     try:
-        return Check(kind, Status.OK, str(find(None)))
+        build = find(None)
     except ConfigError as error:
         return Check(kind, Status.OK, f"not found, and needed for --autopilot {kind} alone: {error}")
+    version = read_version(kind, build)
+    if doubt := doubt_version(kind, version):
+        return Check(kind, Status.WARNING, f"{build}: {version}", f"{doubt}: look at the first flight's warnings")
+    told = f"{version}, a version that has been tried" if version else "its version is told when it flies"
+    return Check(kind, Status.OK, f"{build}: {told}")
 
 
 def check_flight() -> Check:

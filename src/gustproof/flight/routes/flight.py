@@ -16,6 +16,7 @@ from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle, check_body
 from firmware_model.errors import ConfigError
+from firmware_model.external.versions import doubt_version
 from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
 from firmware_model.sim.fault_schedule import fault_schedule
@@ -129,7 +130,9 @@ class Flight(Tabled):
         if self.autopilot is not None:
             flown = self.autopilot.get("flown", {})
             unknown, rounded = flown.get("unknown_parameters", ()), flown.get("rounded_parameters", {})
+            doubt = doubt_version(str(self.autopilot.get("autopilot")), str(flown.get("version")))
             return (
+                *filter(None, [doubt]),
                 *(f"{flown['program']} has no parameter {name}, and ignored it" for name in unknown),
                 *(
                     f"{flown['program']} keeps {name} as a whole number: {reported:g}, not {flown['parameters'][name]}"

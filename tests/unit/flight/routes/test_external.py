@@ -81,7 +81,7 @@ def test_page_names_autopilot_and_its_view(flight: Flight) -> None:
 
 def test_comparison_puts_law_and_autopilot_side_by_side() -> None:
     law = load_law("flagship")
-    theirs, ours = compare(SCENARIO, PLAN.vehicle, {"px4-tuned": AUTOPILOT, "flagship": law}, [1])
+    theirs, ours = compare([SCENARIO], PLAN.vehicle, {"px4-tuned": AUTOPILOT, "flagship": law}, [1])
     assert (theirs.name, ours.name) == ("px4-tuned", "flagship")
     assert (ours.own_rmse_deg, ours.realtime_factor) == (None, None)
     assert theirs.own_rmse_deg is not None
@@ -100,14 +100,14 @@ def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pyte
     about, records = read_bag(flight.bag)
     assert (about["outcome"], len(records)) == ("wrong_build", 1)
     with pytest.raises(FlightError, match="without lockstep"):
-        compare(SCENARIO, PLAN.vehicle, {AUTOPILOT.name: AUTOPILOT}, [1])
+        compare([SCENARIO], PLAN.vehicle, {AUTOPILOT.name: AUTOPILOT}, [1])
 
 
 def test_comparison_that_is_interrupted_ends_as_such(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted = replace(flight, outcome=FlightOutcome.INTERRUPTED)
     monkeypatch.setattr("gustproof.studies.campaign.comparison.fly_external", lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
-        compare(SCENARIO, PLAN.vehicle, {AUTOPILOT.name: AUTOPILOT}, [1])
+        compare([SCENARIO], PLAN.vehicle, {AUTOPILOT.name: AUTOPILOT}, [1])
 
 
 @pytest.mark.slow
