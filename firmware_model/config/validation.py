@@ -36,9 +36,12 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     --------
     >>> did_you_mean("flagshp", ["flagship", "indi"])
     "; did you mean 'flagship'?"
+    >>> did_you_mean("pid", ["indi", "pid-default", "pid-fair"])
+    "; did you mean 'pid-fair'?"
     """
-    words = {word.lower(): word for word in known}
-    near = get_close_matches(given.lower()[:_MAX_LENGTH], words, n=1, cutoff=0.5)
+    words, asked = {word.lower(): word for word in known}, given.lower()[:_MAX_LENGTH]
+    begun = [word for word in words if len(asked) > 1 and word.startswith(asked)]
+    near = get_close_matches(asked, begun or words, n=1, cutoff=0.0 if begun else 0.5)
     return f"; did you mean '{words[near[0]]}'?" if near else ""
 
 

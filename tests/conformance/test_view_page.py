@@ -179,6 +179,11 @@ def assert_is_played_at_the_clocks_pace(browser) -> None:
     until(lambda: browser.run(later), "it goes on")
     now_s, to_s, _ = browser.run(state)
     assert to_s - from_s <= now_s - begun_s + 0.3  # two frames apart, on a busy machine
+    click(browser, "pause")
+    until(lambda: text(browser, "pause") == "Play", "it stands")
+    stands = browser.run("new Promise(requestAnimationFrame).then(() => gustproof.shown.t)")
+    assert browser.run("new Promise((seen) => setTimeout(() => seen(gustproof.shown.t), 100))") == stands < last_s
+    click(browser, "pause")
 
 
 def assert_can_be_played_again(browser, flight: Flight) -> None:

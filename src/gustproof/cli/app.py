@@ -51,6 +51,7 @@ app = typer.Typer(
     name="gustproof",
     cls=_Panels,
     no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="Design, prove and fly multirotor attitude control in gusts, over real MAVLink.",

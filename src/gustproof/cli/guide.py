@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from firmware_model.config.validation import did_you_mean, sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.cli.options import Force, check_folder_output, check_output, check_parent, working
 
@@ -61,8 +62,10 @@ def guide(
         return
     from gustproof.guide.site import load_pages, page_names, write_site
 
+    page = page.removesuffix(".md")
     if page not in page_names():
-        raise ConfigError(f"no page named '{page}', there are {', '.join(page_names())}")
+        near = did_you_mean(page, page_names()) or f", there are {', '.join(page_names())}"
+        raise ConfigError(f"no page named '{sanitize_line(page)}'{near}")
     if output is not None:
         check_folder_output(output)
     folder = output or _own_folder()

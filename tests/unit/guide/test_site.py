@@ -118,9 +118,12 @@ def test_headings_landmarks_and_pictures_have_names(pages):
 
 
 def test_an_unknown_page_is_one_line(tmp_path):
-    result = CliRunner().invoke(app, ["guide", "tutorail", "-o", str(tmp_path), "--no-open"])
-    assert result.exit_code == 2
-    assert "no page named 'tutorail', there are index, install, tutorial" in result.stderr
+    for name, said in (
+        ("tutorail", "no page named 'tutorail'; did you mean 'tutorial'?"),
+        ("zzz", "no page named 'zzz', there are index, install, tutorial"),
+    ):
+        result = CliRunner().invoke(app, ["guide", name, "-o", str(tmp_path), "--no-open"])
+        assert (result.exit_code, said in result.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
 
 
