@@ -1,4 +1,5 @@
 import pytest
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
@@ -16,6 +17,14 @@ def test_px4s_modes_have_a_main_and_a_sub_mode(mode: Mode) -> None:
 @pytest.mark.parametrize("mode", sorted(ARDUPILOT.modes | ARDUPILOT.takeover_modes | {65535}))
 def test_ardupilots_modes_are_one_number(mode: int) -> None:
     assert mode_parameters(mode) == (mode, 0.0)
+
+
+def test_ardupilots_modes_are_those_that_its_clients_name() -> None:
+    names = mavutil.mode_mapping_acm
+    assert {names[mode] for mode in ARDUPILOT.modes} == {"GUIDED", "GUIDED_NOGPS"}
+    assert (names[ARDUPILOT.mode], names[ARDUPILOT.hold_mode]) == ("GUIDED", "BRAKE")
+    piloted = {"STABILIZE", "ACRO", "ALT_HOLD", "LOITER", "SPORT", "POSHOLD", "BRAKE"}
+    assert {names[mode] for mode in ARDUPILOT.takeover_modes} == piloted
 
 
 @pytest.mark.parametrize(

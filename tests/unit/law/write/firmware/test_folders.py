@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware_model.config.firmware import ardupilot_full_torque, px4_full_torque
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import FullScale, MeasuredCommand, load_vehicle
 from firmware_model.config.whole_file import write_folder
 from firmware_model.errors import ConfigError
 from firmware_model.external.interface import check_law_inside
@@ -151,6 +151,14 @@ def test_other_frames_than_ardupilots_x_are_refused():
             "my-law",
             verdict="Sound.",
         )
+
+
+@pytest.mark.parametrize("firmware", Firmware)
+def test_a_guessed_torque_of_yaw_is_refused(firmware):
+    command = MeasuredCommand(autopilot="px4", full_scale=FullScale.MEASURED, delay=0.0, unmeasured=("yaw",))
+    guessed = replace(load_vehicle("paper"), command=command)
+    with pytest.raises(ConfigError, match="its log did not excite yaw"):
+        firmware_folder(firmware, _law(), guessed, AttitudeSource.OWN, "my-law", verdict="Sound.")
 
 
 @pytest.mark.parametrize("firmware", Firmware)
