@@ -10,6 +10,7 @@ import pytest
 from firmware_model.errors import ConfigError
 from gustproof.studies.campaign.growth import grow_campaign
 from gustproof.studies.campaign.plan import parse_campaign
+from gustproof.studies.campaign.reader import read_campaign
 from gustproof.studies.campaign.runner import fly_campaign
 from gustproof.studies.campaign.sampling import Sampling
 from gustproof.studies.campaign.store import METADATA_KEY
@@ -69,6 +70,16 @@ def test_another_campaign_does_not_grow(planned, fly, tmp_path):
         grow_campaign(path, planned(laws=("hinf-d1",), sampling=Sampling.LATIN, cases=8, seed=2))
     with pytest.raises(ConfigError, match="a Latin hypercube of 8 cases cannot grow"):
         grow_campaign(path, planned(laws=("hinf-d1",), sampling=Sampling.LATIN, cases=9))
+
+
+def test_a_table_is_as_large_as_its_numbers_and_no_larger(planned, fly, tmp_path, monkeypatch):
+    """Its rows by its columns bound it, so that a small file does not fill the memory."""
+    fly(planned(laws=("hinf-d1",), cases=200), "mc.parquet")
+    monkeypatch.setattr("gustproof.studies.campaign.reader.TEXT", 0)
+    assert read_campaign(tmp_path / "mc.parquet").cases == 200
+    monkeypatch.setattr("gustproof.studies.campaign.reader._VALUE", 1)
+    with pytest.raises(ConfigError, match="do not match the campaign"):
+        read_campaign(tmp_path / "mc.parquet")
 
 
 def test_columns_have_units_and_tables_without_them_grow_too(planned, fly, tmp_path):
