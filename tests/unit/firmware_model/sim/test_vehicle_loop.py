@@ -70,14 +70,15 @@ def test_thrusts_of_rotors_command_the_torque_of_their_places(name: str) -> None
     rotors = load_vehicle(name).rotors
     given = tuple(np.random.default_rng(1).uniform(0.2, 0.8, rotors.count).tolist())
     loop = VehicleLoop(load_vehicle(name), replace(QUIET, delay_samples=0), 1)
-    record = loop.advance(RotorCommand(time_us=0, rotors=given, clamped=False), 0)
+    loop.advance(AttitudeTarget(time_us=0, q_NB=None, omega_B=(0.2, 0.0, 0.0), thrust=0.5), 0)
+    record = loop.advance(RotorCommand(time_us=4000, rotors=given, clamped=False), 0)
     up = np.array(given) * rotors.thrust_max
     torque = np.cross(rotors.position_B, np.outer(up, (0.0, 0.0, -1.0))).sum(axis=0)
     torque[2] += rotors.drag_ratio * (np.array(rotors.spin) @ up)
     found = record.view(record_type(rotors.count))[0]
     np.testing.assert_allclose(found["torque_command_B"], torque, rtol=1e-12)
     assert np.all(np.isnan(found["omega_command_B"]))
-    loop.advance(RotorCommand(time_us=4000, rotors=given, clamped=True), 0)
+    loop.advance(RotorCommand(time_us=8000, rotors=given, clamped=True), 0)
     assert loop.on_ground  # clamped on the stand
 
 

@@ -23,6 +23,7 @@ def test_position_is_told_about_the_origin_ten_metres_up(craft):
     assert told(craft, wire.MAVLINK_MSG_ID_VFR_HUD).alt == 498.0
     gps = told(craft, wire.MAVLINK_MSG_ID_GPS_RAW_INT)
     assert (gps.fix_type, gps.lat, gps.alt) == (3, 473_977_420, 498_000)
+    assert (gps.eph, gps.epv, gps.satellites_visible) == (65535, 65535, 255)  # MAVLink's numbers for unknown
 
 
 def test_home_is_where_the_vehicle_was_armed(craft, order, peer):
