@@ -20,6 +20,11 @@ def test_echo_tells_what_is_tracked():
     assert (echo.type_mask, echo.body_pitch_rate, echo.time_boot_ms) == (128, 0.2, 4)
 
 
+def test_rates_that_a_target_does_not_tell_are_zero_and_ignored():
+    echo = messages.echo_message(AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5))
+    assert (echo.body_roll_rate, echo.body_pitch_rate, echo.body_yaw_rate, echo.type_mask) == (0.0, 0.0, 0.0, 0b111)
+
+
 def test_attitude_target_without_anything_to_track_is_a_mistake():
     with pytest.raises(ValueError, match="neither"):
         messages.command_message(AttitudeTarget(time_us=0, q_NB=None, omega_B=None, thrust=0.5), 1)
