@@ -191,6 +191,8 @@ def read_toml(
     """
     path = shipped_path(kind.__name__.lower(), name_or_path, folder)
     content = read_document(path)
+    if not content:
+        raise ConfigError(f"{path}: is empty")
     _refuse_other_kind(kind.__name__.lower(), content, path)
     document = {"name": path.stem, **complete(content, path)}
     return validate(kind, document, str(path), lambda key: find_line(read_text(path, _TOML), key))

@@ -38,6 +38,9 @@ from gustproof.cli.wind_limit import wind_limit
 from gustproof.cli.worst_case import worst_case
 from gustproof.version import __version__
 
+_MEANT = {"version": "--version", "help": "--help", "league": "compare course", "test": "doctor", "install": "doctor"}
+"""Words that are no command, and what is meant."""
+
 
 class _Panels(OneLineErrors):
     """Commands in the order of the panels: the main road on top."""
@@ -45,6 +48,12 @@ class _Panels(OneLineErrors):
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         return [name for commands in PANELS.values() for name in commands]
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command, or tell what stands for one that other programs have, or that was here."""
+        if (meant := _MEANT.get(args[0])) and args[0] not in self.commands:
+            ctx.fail(f"No such command '{args[0]}': say gustproof {meant}")
+        return super().resolve_command(ctx, args)
 
 
 app = typer.Typer(

@@ -131,6 +131,8 @@ def load_csv(folder: Path) -> Law:
                 tables[path.stem] = np.array([[float(cell) for cell in row] for row in rows])
         path = folder / _METADATA_FILE
         metadata = parse_json(read_text(path))
+    except FileNotFoundError:
+        raise LawFileError(f"{folder}: a folder without {_METADATA_FILE} holds no tables of a law") from None
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
