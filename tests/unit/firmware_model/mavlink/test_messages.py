@@ -20,6 +20,16 @@ def test_echo_tells_what_is_tracked():
     assert (echo.type_mask, echo.body_pitch_rate, echo.time_boot_ms) == (128, 0.2, 4)
 
 
+@pytest.mark.parametrize("kind", ["raw", "scaled"])
+def test_coarse_samples_are_in_thousandths(kind):
+    make = getattr(wire, f"MAVLink_{kind}_imu_message")
+    packed = make(4, 100, -200, -1000, 300, -400, 500, 0, 0, 0).pack(wire.MAVLink(None, 1, 1))
+    sample = messages.parse_imu(parse(packed)[0])
+    assert sample.time_us == (4 if kind == "raw" else 4000)
+    assert sample.gyro_B == pytest.approx((0.3, -0.4, 0.5))
+    assert sample.specific_force_B == pytest.approx((0.980665, -1.96133, -9.80665))
+
+
 def test_rates_that_a_target_does_not_tell_are_zero_and_ignored():
     echo = messages.echo_message(AttitudeTarget(time_us=0, q_NB=(1.0, 0.0, 0.0, 0.0), omega_B=None, thrust=0.5))
     assert (echo.body_roll_rate, echo.body_pitch_rate, echo.body_yaw_rate, echo.type_mask) == (0.0, 0.0, 0.0, 0b111)

@@ -1,3 +1,4 @@
+import os
 import struct
 from binascii import crc32
 from pathlib import Path
@@ -93,3 +94,11 @@ def test_read_log_of_a_crazyflie_checks_the_checksum(tmp_path: Path, damage: str
     (tmp_path / "log00").write_bytes(content)
     with pytest.raises(ConfigError, match="its checksum is wrong"):
         read_log(tmp_path / "log00")
+
+
+def test_a_card_s_log_of_more_than_64_mib_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log00"
+    path.write_bytes(b"\xbc")
+    os.truncate(path, (64 << 20) + 1)
+    with pytest.raises(ConfigError, match="larger than 64 MiB"):
+        read_log(path)

@@ -164,3 +164,15 @@ def test_clocks_that_differ_by_less_than_arrivals_do_are_one(late_us: float, sam
     of = Rows(position=np.arange(9), time_us=1e4 * np.arange(9.0), values=np.zeros((9, 3)))
     found = tlog._Samples(of, of.time_us + 3e6 + late_us).on_clock(3e6)
     assert np.array_equal(found.time_us, of.time_us if same else of.time_us + late_us)
+
+
+def test_frames_of_version_1_are_read_whatever_stands_before_them(written: Write) -> None:
+    station = Station()
+    station.hear(0, heartbeat())
+    for i in range(500):
+        station.hear(4000 * i, imu(4000 * i, (0.1, 0.0, 0.0)))
+        station.hear(4000 * i + 1, wire.MAVLink_statustext_message(6, b"w" * 50))
+        station.hear(4000 * i + 2, wire.MAVLink_attitude_message(4 * i, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0), v1=True)
+    log = read_log(written("a.tlog", station.content))
+    assert log.attitude is not None
+    assert len(log.attitude.time) == 500
