@@ -111,7 +111,9 @@ def test_a_group_without_a_mode_shows_its_modes_and_does_nothing(group: str, hel
     assert not result.stderr
 
 
-@pytest.mark.parametrize(("word", "meant"), [("version", "--version"), ("help", "--help"), ("league", "compare course")])
+@pytest.mark.parametrize(
+    ("word", "meant"), [("version", "--version"), ("help", "--help"), ("league", "compare course")]
+)
 def test_a_word_of_other_programs_or_of_before_is_told_what_is_meant(word: str, meant: str) -> None:
     result = CliRunner().invoke(app, [word])
     assert result.exit_code == 2

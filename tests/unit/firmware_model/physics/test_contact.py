@@ -100,13 +100,14 @@ WEIGHT = VEHICLE.mass * GRAVITY
         (STANDING._replace(velocity_N=(0.03, 0.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
         (STANDING._replace(omega_B=(0.0, 0.0, -0.03)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
         (a_body(standing_height(VEHICLE), (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),  # on two feet
+        (STANDING, (0.0, 0.0, -0.5 * WEIGHT), (0.0, 0.0, 0.0), True),
         (STANDING, (0.0, 0.0, -0.6 * WEIGHT), (0.0, 0.0, 0.0), False),
         (STANDING, (0.0, 1.1 * PARAMS.friction * WEIGHT, 0.0), (0.0, 0.0, 0.0), False),
         (STANDING, (0.0, 0.0, 0.0), (0.0, 0.0, PARAMS.reach * PARAMS.friction * WEIGHT), False),
         (STANDING, (0.0, 0.0, 0.0), (1.1 * PARAMS.foot_B[1] * WEIGHT, 0.0, 0.0), False),
         (STANDING, (0.0, 0.0, 0.0), (0.0, -1.1 * PARAMS.foot_B[0] * WEIGHT, 0.0), False),
     ],
-    ids=["motors off", "some thrust", "moves", "turns", "tilted", "lifts", "slides", "spins", "tips", "tips ahead"],
+    ids=["motors off", "some thrust", "moves", "turns", "tilted", "half", "lifts", "slides", "spins", "tips", "tips ahead"],
 )  # fmt: skip
 def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, resting):
     assert is_at_rest(PARAMS, body, force, moment) is resting
