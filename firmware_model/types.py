@@ -8,6 +8,8 @@ from typing import NamedTuple
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+AXES = ("roll", "pitch", "yaw")
+"""Names of the body's axes, in order."""
 NEVER_US = 1 << 62
 """[us] A time that never comes."""
 

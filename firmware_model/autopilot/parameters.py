@@ -17,7 +17,7 @@ from firmware_model.autopilot.gains import POSITION_GAINS, TunableGain, replace_
 from firmware_model.autopilot.modes import FailSafe, Settings
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 
 TORQUE_LIMIT_NAMES = ("GP_TRQ_MAX_R", "GP_TRQ_MAX_P", "GP_TRQ_MAX_Y")
 """Names of the largest torques about roll, pitch and yaw."""
@@ -95,7 +95,7 @@ def _round_float32(value: float | int) -> float | int:
 
 
 def _make_table(vehicle: Vehicle, scenario: Scenario) -> tuple[Parameter, ...]:
-    limits = zip(TORQUE_LIMIT_NAMES, published_limit(vehicle), ("roll", "pitch", "yaw"), strict=True)
+    limits = zip(TORQUE_LIMIT_NAMES, published_limit(vehicle), AXES, strict=True)
     loops = ((stabilizer_gains(vehicle), vehicle.stabilizer), (POSITION_GAINS, vehicle.position))
     usual = Settings()
     timeout_s, loss = usual.stream_timeout_us * 1e-6, "Time without set-points in OFFBOARD until the fail-safe"

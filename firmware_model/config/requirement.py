@@ -5,14 +5,13 @@ flown to the end.
 """
 
 from enum import Enum
-from typing import Literal, Self, get_args
+from typing import Literal, Self
 
 from pydantic import model_validator
 
 from firmware_model.config.fields import Finite, NonNegative, Positive, strict_dataclass
 
 Axis = Literal["roll", "pitch", "yaw"]
-AXES = get_args(Axis)
 
 
 class Metric(Enum):

@@ -12,11 +12,12 @@ from firmware_model.config import events
 from firmware_model.config.fields import NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
-from firmware_model.config.requirement import AXES, Metric, Requirement
+from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.vehicle import ON_BOARD, Vehicle
 from firmware_model.config.waveforms import DRYDEN_CEILING_M, Moment, RandomGusts, Shear, Wind
 from firmware_model.config.wind_table import fill_replay_rows
 from firmware_model.errors import ConfigError
+from firmware_model.types import AXES
 
 SCENARIOS = Path(__file__).parent / "data" / "scenarios"
 CONTROL_RATE_HZ = 250

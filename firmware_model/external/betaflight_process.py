@@ -25,6 +25,7 @@ from firmware_model.external.betaflight import MOTORS, STATUS, SticksClient
 from firmware_model.external.interface import ExternalError, ExternalOptions, ExternalOutcome
 from firmware_model.external.readings import Readings
 from firmware_model.process.child import ChildProcess
+from firmware_model.types import AXES
 
 _HOST = "127.0.0.1"
 
@@ -141,7 +142,7 @@ def vehicle_commands(vehicle: Vehicle) -> list[str]:
     gains = {"simplified_pids_mode": "OFF", "yaw_motors_reversed": "OFF" if rotors.spin[0] > 0 else "ON"}
     crossover = 0.5 / vehicle.actuator_lag  # [rad/s] a rate loop with P and that lag has a damping of .7
     authority = np.abs(rotors.wrench[:3]).sum(axis=1) * rotors.thrust_max / vehicle.inertia_B
-    for axis, per_unit in zip(("roll", "pitch", "yaw"), authority, strict=True):
+    for axis, per_unit in zip(AXES, authority, strict=True):
         p, i = crossover / (_P_UNIT * per_unit), _INTEGRAL_SHARE * crossover**2 / (_I_UNIT * per_unit)
         terms = {"p": p, "i": i, "d": 0.0, "d_max": 0.0, "f": 0.0}
         gains |= {f"{term}_{axis}": str(min(round(gain), 250)) for term, gain in terms.items()}

@@ -24,7 +24,7 @@ from firmware_model.external.readings import Readings
 from firmware_model.external.world import World
 from firmware_model.numerics.rotations import from_euler, multiply
 from firmware_model.recording.estimates import Estimate
-from firmware_model.types import AttitudeTarget, Quaternion, Vector
+from firmware_model.types import AXES, AttitudeTarget, Quaternion, Vector
 
 _STILL_S = 3.0  # an autopilot that was still for this long has settled
 _STILL_RATE = 0.03  # [rad/s] largest rate of a still vehicle, about three times that of a quantised gyro
@@ -134,7 +134,7 @@ class ExternalFlight:
         """Compare the torques of the rotors with those of small set-points about each axis, in the clamp."""
         self._spin_up()
         self._hold(1.0)
-        for axis, name in enumerate(("roll", "pitch", "yaw")):
+        for axis, name in enumerate(AXES):
             torque = np.zeros(3)
             for angle in (_PROBE_ANGLE, -_PROBE_ANGLE):
                 turn = from_euler(*(angle if i == axis else 0.0 for i in range(3)))
@@ -272,7 +272,7 @@ def describe_unrest(omega_B: NDArray[np.float64], dt: float, height: float = 0.0
     if float(np.max(np.abs(omega_B))) <= _STILL_RATE:
         return f"is off its height by {height:+.1f} m: its hover thrust or its motors' curve is not this vehicle's"
     axis = int(np.argmax(np.sqrt(np.mean(omega_B**2, axis=0))))
-    rate, name = omega_B[:, axis], ("roll", "pitch", "yaw")[axis]
+    rate, name = omega_B[:, axis], AXES[axis]
     mean, largest = float(np.mean(rate)), float(np.max(np.abs(rate)))
     if abs(mean) > _ONE_WAY * largest:
         cause = "its rotors' geometry or spin is not this vehicle's, or its gains about that axis are too low"

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from firmware_model.config.vehicle import Vehicle, load_vehicle
+from firmware_model.types import AXES
 from gustproof.airframe.hover import loop_law
 from gustproof.airframe.step_response import StepResponse, step_response
 from gustproof.design.designs import Design, Weight, design_problem, model_damping
@@ -20,8 +21,6 @@ from gustproof.robust.lpv.lpvsyn import LftController
 from gustproof.robust.lti.margins import LoopMargins, Margins, margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, delay, discretize_zoh, lft, sensitivity, series
 from gustproof.robust.uncertain.interconnection import Interconnection
-
-_AXES = ("roll", "pitch", "yaw")
 
 Solver = Callable[[Design, Interconnection], CheckedController]
 """Function that returns the controller for a design's labelled diagram."""
@@ -232,7 +231,7 @@ def _weight_parameters(name: str, weight: Weight | None) -> dict[str, float]:
 
 
 def _by_axis(name: str, values: Sequence[float]) -> dict[str, float]:
-    return {f"{name}_{axis}": value for axis, value in zip(_AXES, values, strict=False)}
+    return {f"{name}_{axis}": value for axis, value in zip(AXES, values, strict=False)}
 
 
 def margins_to_dict(margins_: Margins) -> dict[str, Any]:
@@ -242,7 +241,7 @@ def margins_to_dict(margins_: Margins) -> dict[str, Any]:
         loops: tuple[LoopMargins, ...] = getattr(margins_, place)
         figures[place] = {"disk_margin": getattr(margins_, f"{place}_disk")}
         # the gyro's are the first measurements
-        for axis, loop in zip(_AXES, loops[:3], strict=True):
+        for axis, loop in zip(AXES, loops[:3], strict=True):
             gains = {"gain_margin": loop.gain_margin, "gain_reduction_margin": loop.gain_reduction_margin}
             phase = {"crossover_rad_s": loop.crossover, "phase_margin_deg": math.degrees(loop.phase_margin)}
             figures[place][axis] = _nonfinite_to_none(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from firmware_model.types import AXES
 from gustproof.airframe.rotational import Envelope
 from gustproof.design.designs import Design
 from gustproof.errors import DesignError
@@ -21,7 +22,6 @@ from gustproof.robust.mu.musyn import musyn
 from gustproof.robust.uncertain.interconnection import Interconnection
 from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
 
-AXES = ("roll", "pitch", "yaw")
 _CORNER = 1.0 / 6.0
 """[-] part of the crossover below which the shaped loop weights attitude, the integral of the rate."""
 

@@ -18,6 +18,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import Vehicle, load_vehicle
 from firmware_model.config.whole_file import whole_file
 from firmware_model.numerics.rotations import euler_angles
+from firmware_model.types import AXES
 from gustproof.airframe.covariance import axis_models
 from gustproof.airframe.predict import predict
 from gustproof.airframe.tradeoff import linear_laws
@@ -38,7 +39,7 @@ PICTURES = ("turned-over", "gust", "gust-roll", "log", "tuned", "box", "cases", 
 """Names of the pictures, in the order in which they are drawn."""
 OWN_AND_INSIDE = r"^\| (PX4|ArduPilot), (own loops|`flagship` inside)[^|]* \| (\.\d+) \| (\.\d+) \| ([\d.]+) \|"
 """Rows of `autopilots.md` at equal slew and margins: autopilot, loops, both errors [deg] and slew [N*m/s]."""
-_AXES, _AXIS_COLOURS = ("roll", "pitch", "yaw"), ("#0072b2", "#d55e00", "#009e73")
+_AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _FAIR, _PEAK_MS, _SLEWS = "pid-fair", 1.36, (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # [N*m/s]
 _PEAK_DEG, _BUDGET_NM, _MINUTE_S, _CASES = 1.0, (0.65, 0.65, 0.3), 60.0, 40
 _TINTS, _LABEL_S = 32, 96.0
@@ -135,7 +136,7 @@ def _draw_log(vehicle: Vehicle, path: Path) -> None:
     """Draw the torques and rates of the flight that a vehicle is identified from."""
     records = fly_direct(load_scenario("doublets"), load_law(_OURS), vehicle=vehicle, seed=1)
     figure, (torque, rate) = _new_panels(2, sharex=True)
-    for axis, (name, colour) in enumerate(zip(_AXES, _AXIS_COLOURS, strict=True)):
+    for axis, (name, colour) in enumerate(zip(AXES, _AXIS_COLOURS, strict=True)):
         for axes, values in ((torque, records["torque_command_B"]), (rate, records["gyro_B"])):
             axes.plot(records["time_us"] * 1e-6, values[:, axis], color=colour, linewidth=0.7, label=name)
     torque.set(xlabel="time [s]", ylabel="commanded torque [N m]")
@@ -168,7 +169,7 @@ def _draw_box(records: Records, path: Path) -> None:
     figure, panels = _new_panels(3)
     kept = records[records["time_us"] <= _MINUTE_S * 1e6]
     angles = np.degrees(euler_angles(kept["q_NB"]))
-    for axis, (axes, name, bound) in enumerate(zip(panels, _AXES, bounds, strict=True)):
+    for axis, (axes, name, bound) in enumerate(zip(panels, AXES, bounds, strict=True)):
         axes.plot(kept["time_us"] * 1e-6, angles[:, axis], color=_COLOURS[_OURS], linewidth=0.8)
         axes.set(xlabel="time [s]", ylabel=f"{name} [deg]", xlim=(0.0, _MINUTE_S), ylim=(-1.25 * bound, 1.25 * bound))
         _mark_limit(axes, bound, "proved")

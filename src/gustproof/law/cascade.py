@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import AXES
 from gustproof.law.form import Law, Matrix, Output, Provenance, RateLimit
 from gustproof.robust.lti.state_space import Lti
-
-_AXES = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +187,7 @@ def gain_parameters(gains: Sequence[Gains]) -> dict[str, float]:
     """Return the gains of roll, pitch and yaw by name, for a law's provenance."""
     return {
         f"{axis}_{name}": getattr(values, name)
-        for axis, values in zip(_AXES, gains, strict=True)
+        for axis, values in zip(AXES, gains, strict=True)
         for name in ("angle_p", "rate_p", "rate_i", "rate_d", "derivative_cutoff")
         if values.rate_d or name not in ("rate_d", "derivative_cutoff")
     }

@@ -24,6 +24,7 @@ import scipy
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import MomentSine
+from firmware_model.types import AXES
 from gustproof.errors import DesignError
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.controllers import fly_controller
@@ -33,7 +34,6 @@ from gustproof.robust.lti.margins import LoopMargins, response_margins
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
 from gustproof.types import Records, finite_or_none
 
-_AXES = ("roll", "pitch", "yaw")
 PERIOD_S, _SETTLING_S = 16.0, 16.0
 """[s] period of the sines together, and flight before it."""
 _LINES = 110
@@ -107,7 +107,7 @@ class MeasuredPoint:
                     "phase_margin_deg": math.degrees(axis.phase_margin),
                     "crossover_rad_s": axis.crossover,
                 }
-                for name, axis in zip(_AXES, self.axes, strict=True)
+                for name, axis in zip(AXES, self.axes, strict=True)
             },
         }
 

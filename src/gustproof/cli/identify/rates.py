@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from firmware_model.config.validation import printable
+from firmware_model.types import AXES
 from gustproof.cli.links import SigningKey
 from gustproof.cli.options import Force, check_output, print_next
 
@@ -41,7 +42,7 @@ def rates(
     responses = [
         phasors(record.time, record.rate, OMEGA) / phasors(record.time, record.command, OMEGA) for record in records
     ]
-    names = ("roll", "pitch", "yaw")
+    names = AXES
     roll, pitch, yaw = map(fit_inner_loop, repeat(OMEGA), responses, repeat(DT), names)
     loops = InnerLoops(name=output.stem, roll=roll, pitch=pitch, yaw=yaw)
     write_toml(loops, output)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import AXES
 from gustproof.errors import DesignError
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.cascade import Gains, cascade_law, gain_parameters, plain_axis
@@ -29,7 +30,6 @@ from gustproof.law.form import Law, Matrix, Provenance
 RATIOS = (1 / 10, 1 / 3, 1.0, 3.0, 10.0)
 """[-] frequencies of the experiment over the target bandwidth."""
 _OUTER, _INNER = 2, 3
-_AXES = ("roll", "pitch", "yaw")
 _SETTLING, _PERIODS = 1.0, 4.0
 """Periods of the slowest sine before the evaluated part of the record, and in it."""
 
@@ -78,7 +78,7 @@ def measure_response(
     records = fly_direct(scenario, law, vehicle=vehicle, seed=seed, reference=reference)
     torque, rate = records["torque_command_B"][:, axis], records["gyro_B"][:, axis]
     if np.max(np.abs(torque)) >= vehicle.torque_limit[axis]:
-        raise DesignError(f"{_AXES[axis]}: the experiment reaches the torque limit; ask for a smaller amplitude")
+        raise DesignError(f"{AXES[axis]}: the experiment reaches the torque limit; ask for a smaller amplitude")
     counted = time >= _SETTLING * period
     # the journal has the command that acts at a sample; the law sent it `delay_samples` earlier
     lead = np.exp(1j * omega * scenario.delay_samples * scenario.dt)

@@ -14,6 +14,7 @@ import scipy
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import AXES
 from gustproof.airframe.covariance import AxisModel, axis_models, axis_performance, pool_axes, rms
 from gustproof.errors import DesignError
 from gustproof.law.cascade import AxisLaw
@@ -226,5 +227,5 @@ def _minimize(
 
 def axis_parameters(gains: Iterable[Mapping[str, float]]) -> dict[str, float]:
     """Return the gains of roll, pitch and yaw by axis and name, for a law's provenance."""
-    axes = zip(("roll", "pitch", "yaw"), gains, strict=True)
+    axes = zip(AXES, gains, strict=True)
     return {f"{axis}_{name}": value for axis, values in axes for name, value in values.items()}

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from firmware_model.numerics.rotations import euler_angles
+from firmware_model.types import AXES
 from gustproof.robust.shown import Shown
 from gustproof.types import Array, Records
 
@@ -124,4 +125,4 @@ class FlownRecords(Tabled, np.ndarray[Any, np.dtype[np.void]]):
 
 
 def _by_axis(values: Array) -> str:
-    return ", ".join(f"{axis} {value:.3g}" for axis, value in zip(("roll", "pitch", "yaw"), values, strict=True))
+    return ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, values, strict=True))

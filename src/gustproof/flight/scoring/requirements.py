@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from firmware_model.config.requirement import AXES, Metric, Requirement
+from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION, record_blocks
+from firmware_model.types import AXES
 from gustproof.flight.scoring.metrics import TALLY_SIZE, Tally, as_rows, maximum, tally_kernel
 from gustproof.law.references import references
 from gustproof.robust.shown import Shown

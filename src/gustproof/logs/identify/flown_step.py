@@ -20,7 +20,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from gustproof.logs.identify.identification import AXES
+from firmware_model.types import AXES
 from gustproof.logs.identify.rates import describe_slow_log
 from gustproof.logs.identify.spectra import frequency_response
 from gustproof.logs.identify.stretches import find_stretches, limit_time, sample_time

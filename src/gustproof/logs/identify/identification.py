@@ -11,9 +11,6 @@ from typing import NamedTuple
 from gustproof.logs.read.flight_log import CommandUnit
 from gustproof.types import Array
 
-AXES = ("roll", "pitch", "yaw")
-"""Names of the axes."""
-
 
 class Interval(NamedTuple):
     """Estimate with a 95 % confidence interval."""

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_model.errors import ConfigError
+from firmware_model.types import AXES
 from gustproof.logs.identify.bootstrap import bootstrap, interval, widen
 from gustproof.logs.identify.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.logs.identify.filtered_command import filter_command
-from gustproof.logs.identify.identification import AXES, AxisEstimate, Identification, Interval
+from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
 from gustproof.logs.identify.likelihood import (
     DAMPING,
     DELAY,

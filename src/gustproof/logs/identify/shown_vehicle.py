@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
+from firmware_model.types import AXES
 from gustproof.logs.identify.air import IdentifiedAir, estimate_air, turbulence_scenario
-from gustproof.logs.identify.identification import AXES, Identification
+from gustproof.logs.identify.identification import Identification
 from gustproof.logs.identify.identify_vehicle import identify
 from gustproof.logs.identify.vehicle_file import Known, VehicleFile, make_vehicle_file
 from gustproof.logs.read.flight_log import FlightLog

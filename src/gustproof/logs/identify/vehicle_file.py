@@ -19,9 +19,9 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.uncertainty import make_vehicle_set
 from firmware_model.config.vehicle import FullScale, Vehicle, load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.logs.identify.air import IdentifiedAir
-from gustproof.logs.identify.identification import AXES, Identification, Interval
+from gustproof.logs.identify.identification import Identification, Interval
 from gustproof.logs.read.flight_log import CommandUnit
 from gustproof.version import __version__
 

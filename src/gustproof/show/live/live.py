@@ -17,12 +17,13 @@ from typing import Any, Self
 import numpy as np
 
 from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Parameters, published_limit
-from firmware_model.config.requirement import AXES, Metric
+from firmware_model.config.requirement import Metric
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.timeline import timeline
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import RECORD, read_journal
+from firmware_model.types import AXES
 from gustproof.show.live.ground_station import STREAM_US, GroundStation
 from gustproof.show.live.journal_follower import follow_journal
 from gustproof.show.live.requirement_status import requirement_status

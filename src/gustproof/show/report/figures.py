@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter
 
+from firmware_model.types import AXES
 from gustproof.airframe.lpv import PARAMETERS, scheduling_parameters
 from gustproof.airframe.tradeoff import TradeOff
 from gustproof.design.derive import WeightedTransfer
@@ -44,7 +45,6 @@ _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
 _INK, _GRID = "#333333", "#dddddd"
 _CURVES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00")
 _MOST_TRACES = 4  # noisy traces in one panel that an eye can tell apart
-_AXES = ("roll", "pitch", "yaw")
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _MOST_DB = 80.0
 _GAINS = (1e-4, 1e15)
@@ -62,7 +62,7 @@ HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = 
     "body-rates": ("Body rates", ("p [rad/s]", "q [rad/s]", "r [rad/s]"), lambda records: records["omega_B"]),
     "torques": (
         "Commanded torques",
-        tuple(f"{axis} torque [N m]" for axis in _AXES),
+        tuple(f"{axis} torque [N m]" for axis in AXES),
         lambda records: records["torque_command_B"],
     ),
 }
@@ -71,7 +71,7 @@ HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = 
 
 def save_moments(records: Records, path: Path) -> None:
     """Draw the disturbance moments of one flight."""
-    labels = tuple(f"{axis} moment [N m]" for axis in _AXES)
+    labels = tuple(f"{axis} moment [N m]" for axis in AXES)
     save_figure(_draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments"), path)
 
 
@@ -147,7 +147,7 @@ def save_singular_values(
         axes.set_xlim(frequency[0], frequency[-1])
         axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
     for axes, transfer in zip(drawn[columns:], transfers, strict=False):
-        for axis, gains, bounds, colour in zip(_AXES, transfer.gains.T, transfer.bounds.T, _AXIS_COLOURS, strict=True):
+        for axis, gains, bounds, colour in zip(AXES, transfer.gains.T, transfer.bounds.T, _AXIS_COLOURS, strict=True):
             axes.semilogx(frequency, _decibels(gains), color=colour, linewidth=1.3, label=axis)
             axes.semilogx(frequency, _decibels(bounds), color=colour, linestyle="--", linewidth=1.0)
         label = "gain [dB re ({})/({})]".format(*transfer.units)
@@ -241,7 +241,7 @@ def draw_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequen
         (f"moment step, {height} N m", "flown", "flown"),
         strict=True,
     ):
-        for column, axis, colour in zip(values.T, _AXES, _AXIS_COLOURS, strict=True):
+        for column, axis, colour in zip(values.T, AXES, _AXIS_COLOURS, strict=True):
             axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
         _style_axes(axes, label, title, "time [s]")
     flights[0].legend(frameon=False, fontsize=font_size(8))
@@ -264,7 +264,7 @@ def draw_distributions(campaign: str, values: Mapping[str, Mapping[str, Array]])
 
 def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S: Axes) -> None:
     """Draw steps that are proved on each band of frequency, and below them, dotted, what members tried attain."""
-    for axis, found, colour in zip(_AXES, robustness, _AXIS_COLOURS, strict=True):
+    for axis, found, colour in zip(AXES, robustness, _AXIS_COLOURS, strict=True):
         for axes, proved, sampled in (
             (mu, found.mu_proved, np.where(found.mu_found > 0.0, found.mu_found, np.nan)),
             (S, _decibels(found.S_proved), _decibels(found.S_found)),
@@ -291,7 +291,7 @@ def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S:
 
 def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
     """Draw gain [dB] and phase of the loop at the plant's input axis by axis, with its margins, and sensitivities."""
-    for i, (axis, values, colour) in enumerate(zip(_AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
+    for i, (axis, values, colour) in enumerate(zip(AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
         angles = np.degrees(np.unwrap(np.angle(values)))
         turns = 360.0 * np.ceil(angles[0] / 360.0)
         label, legend = axis, ""

@@ -7,11 +7,12 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.types import AXES
 from gustproof.robust.lti.margins import LoopMargins
 from gustproof.show.report.laws import format_margin
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.rate.improvement import Improvement, describe_end, least_margins
-from gustproof.studies.rate.judge import AXES, MOST_SLEW, Judgement
+from gustproof.studies.rate.judge import MOST_SLEW, Judgement
 
 COLUMNS = ("axis", "vehicle", "crossover [rad/s]", "phase [deg]", "gain up", "gain down", "delay [ms]", "Ms")
 """Headings of the margins."""

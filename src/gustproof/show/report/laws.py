@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.types import AXES
 from gustproof.design.cascades.flagship import GAIN_TOLERANCE
 from gustproof.design.derive import DesignReport, margins_to_dict
 from gustproof.design.tune import Tuning
@@ -144,7 +145,7 @@ def margins_table(title: str, places: dict[str, Any]) -> Table:
     """Return the margins of `margins_to_dict` by the plant's side and axis."""
     table = Table("plant's", "axis", *MARGINS.values(), "disk\n[-]", title=f"Margins {title}")
     for place, figures in places.items():
-        for axis in ("roll", "pitch", "yaw"):
+        for axis in AXES:
             cells = (format_margin(figures[axis][name]) for name in MARGINS)
             table.add_row(place, axis, *cells, format_margin(figures["disk_margin"]) if axis == "roll" else "")
     return table

@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gustproof.logs.identify.identification import AXES
+from firmware_model.types import AXES
 from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.assemble import SIGNALS
 from gustproof.logs.read.flight_log import FlightLog

@@ -7,8 +7,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from firmware_model.types import AXES
 from gustproof.logs.identify.air import IdentifiedAir
-from gustproof.logs.identify.identification import AXES, AxisEstimate, Interval
+from gustproof.logs.identify.identification import AxisEstimate, Interval
 from gustproof.logs.identify.shown_vehicle import ShownVehicle
 from gustproof.show.report.terminal import Renderable
 

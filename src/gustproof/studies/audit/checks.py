@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from firmware_model.config.vehicle import GRAVITY
 from firmware_model.numerics.rotations import euler_angles
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.studies.audit.simulator import (
     STILL,
     Airframe,
@@ -171,7 +171,7 @@ def _axes(simulator: Simulator) -> Iterator[_Result]:
     airframe = simulator.airframe
     hover = airframe.hover()
     sideways = ((1, 1.0, "velocity to the right"), (0, -1.0, "velocity backward"), None)
-    for axis, (name, drift) in enumerate(zip(("roll", "pitch", "yaw"), sideways, strict=True)):
+    for axis, (name, drift) in enumerate(zip(AXES, sideways, strict=True)):
         rotors = hover + _turning(airframe, hover, axis)
         end = _fly(simulator, FlightStart(hover), rotors, _TURN_TIME)[-1]
         found = [end.omega_B[axis], _euler(end)[axis]]

@@ -14,6 +14,7 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import AXES
 from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
 from gustproof.airframe.hover import loop_law
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
@@ -34,8 +35,6 @@ _LEAST_COST = 0.1
 _MOST = 3
 """Most changes that are listed."""
 _POINTS = 300
-_AXES = ("roll", "pitch", "yaw")
-"""Frequencies at which the sensitivity is evaluated."""
 
 
 class GainFamily(NamedTuple):
@@ -240,8 +239,8 @@ class _Advisor:
             family=family,
             changes={name: (self._parameters[name], value) for name, value in changes.items()},
             phase=self._phase_cost(family) if family.unit else None,
-            gains={_AXES[axis]: float(_FACTORS[scales[axis]]) for axis in family.axes},
-            Ms={_AXES[axis]: float(axes[axis].peaks[scales[axis]]) for axis in family.axes},
+            gains={AXES[axis]: float(_FACTORS[scales[axis]]) for axis in family.axes},
+            Ms={AXES[axis]: float(axes[axis].peaks[scales[axis]]) for axis in family.axes},
             rmse_deg=(finite_or_none(self._before[0]), rmse),
             slew=(finite_or_none(self._before[1]), slew),
             open_axes=len({*self._open} - {*family.axes}),

@@ -10,6 +10,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.scenario import AccelerometerFault, GyroFault, Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.waveforms import MomentStep
+from firmware_model.types import AXES
 from gustproof.design.derive import margins_to_dict
 from gustproof.flight.recording.flown import Drawn
 from gustproof.flight.routes.direct import fly_direct
@@ -23,7 +24,6 @@ from gustproof.studies.rate.placement import Placement, locate
 from gustproof.studies.rate.robustness import StabilityRange
 from gustproof.types import Records
 
-_AXES = ("roll", "pitch", "yaw")
 _STEP_S = 5.0
 _STEP_SHARE = 0.03  # [-] of the torque limit: small enough for every stable law to stay near level
 
@@ -195,9 +195,9 @@ def _describe_robustness(analysis: Analysis) -> list[str]:
         least = min(range(3), key=lambda axis: loops[axis].delay_margin)
         samples = loops[least].delay_margin / analysis.law.dt
         peak_omega = analysis.hover.omega[int(np.argmax(analysis.hover.sensitivities["S"]))]
-        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {_AXES[worst]}, at {peak_omega:.3g} rad/s")
+        lines.append(f"robustness: Ms {loops[worst].Ms:.3g} in {AXES[worst]}, at {peak_omega:.3g} rad/s")
         if math.isfinite(samples):
-            lines.append(f"delay: {samples:.3g} more samples make {_AXES[least]} unstable")
+            lines.append(f"delay: {samples:.3g} more samples make {AXES[least]} unstable")
     if analysis.stability:
         lines.append(f"vehicle: {_describe_stability(analysis.stability)}")
     return lines
@@ -208,7 +208,7 @@ def _describe_stability(axes: tuple[StabilityRange, ...]) -> str:
     proven = min(axis.certified for axis in axes)
     inertia, lag = (math.floor(1000.0 * proven * spread) / 10.0 for spread in (SPREADS.inertia, SPREADS.actuator_lag))
     certified = f"certified stable at hover (rounding bounded) for inertia ±{inertia:g} % and lag ±{lag:g} % together"
-    known = [(axis.unstable, name) for axis, name in zip(axes, _AXES, strict=True) if axis.unstable]
+    known = [(axis.unstable, name) for axis, name in zip(axes, AXES, strict=True) if axis.unstable]
     if not known:
         return f"{certified}, no unstable case found"
     nearest, name = min(known, key=lambda pair: pair[0].times)

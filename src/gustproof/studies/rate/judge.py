@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.airframe.covariance import axis_models
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.output_rounding import rounding_slew
@@ -34,7 +34,6 @@ from gustproof.studies.rate.plant_box import PlantBox, describe_vehicle, plant_b
 from gustproof.studies.rate.robustness import robust_peak
 from gustproof.studies.worst_case.moment_search import WorstCase, worst_case
 
-AXES = ("roll", "pitch", "yaw")
 NOMINAL_PEAK, SPREAD_PEAK = 2.0, 2.5
 """[-] largest Ms of a sound law, nominal and over the spreads: 6 dB and 29 deg, 4.4 dB and 23 deg."""
 SPARE_DELAY = 0.005

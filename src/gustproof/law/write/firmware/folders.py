@@ -23,7 +23,7 @@ from firmware_model.config.firmware import (
 )
 from firmware_model.config.vehicle import FullScale, Vehicle, list_vehicles
 from firmware_model.errors import ConfigError
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.law.form import Law, Output
 from gustproof.law.write.c import AttitudeSource, c_name, c_unit
 from gustproof.version import __version__
@@ -215,7 +215,7 @@ def _crazyflie(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
 
 def _torques(full: Vector) -> dict[str, str]:
     """Return the torque [N*m] of full commands as C numbers."""
-    return {f"{axis}_torque": f"{value:.7g}f" for axis, value in zip(("roll", "pitch", "yaw"), full, strict=True)}
+    return {f"{axis}_torque": f"{value:.7g}f" for axis, value in zip(AXES, full, strict=True)}
 
 
 def _list(folder: str) -> list[str]:

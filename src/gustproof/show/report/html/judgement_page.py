@@ -12,6 +12,7 @@ import numpy as np
 from firmware_model.config.files import write_text
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.types import AXES
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import Law
@@ -33,7 +34,7 @@ from gustproof.show.report.judgement import (
 )
 from gustproof.studies.rate.hover_loop import loop_response
 from gustproof.studies.rate.improvement import Improvement
-from gustproof.studies.rate.judge import AXES, NOMINAL_PEAK, SPREAD_PEAK, Judgement, Verdict
+from gustproof.studies.rate.judge import NOMINAL_PEAK, SPREAD_PEAK, Judgement, Verdict
 from gustproof.types import Array
 from gustproof.version import software_versions
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from firmware_model.config.files import write_text
+from firmware_model.types import AXES
 from gustproof.logs.identify.air import IdentifiedAir
 from gustproof.logs.identify.flown_step import SHOWN_S, FlownStep, Loop
 from gustproof.logs.identify.gyro_spectrum import LOWEST_HZ, GyroSpectrum
-from gustproof.logs.identify.identification import AXES, Identification
+from gustproof.logs.identify.identification import Identification
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.show.report.html.charts import (
     Chart,

@@ -8,6 +8,7 @@ import numpy as np
 
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from firmware_model.types import AXES
 from gustproof.design.derive import DesignReport, derive
 from gustproof.design.designs import Design, Weight
 from gustproof.errors import DesignError
@@ -30,7 +31,6 @@ from gustproof.studies.rate.hover_loop import HoverLoop, hover_loop
 from gustproof.studies.rate.law_margins import SPREADS, axis_robustness_over_frequency
 from gustproof.studies.rate.robustness import RobustnessOverFrequency
 
-_AXES = ("roll", "pitch", "yaw")
 _OMEGA = np.geomspace(1e-3, 1e3, 400)
 _SAME_TOLERANCE = 1e-6  # [-] relative difference allowed between a law and its new derivation on another machine
 
@@ -100,7 +100,7 @@ def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
 def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     """Return the gain of each axis' loop, with the crossovers."""
     charts = []
-    for k, axis in enumerate(_AXES):
+    for k, axis in enumerate(AXES):
         gains = [decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
         curves = tuple(
             Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
@@ -124,7 +124,7 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
 def _mu_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     """Return mu of each axis over frequency: bounds proved on bands, and below them what members tried attain."""
     charts = []
-    for k, axis in enumerate(_AXES):
+    for k, axis in enumerate(AXES):
         curves = []
         for law in laws:
             found = law.robustness[k]
@@ -201,11 +201,11 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
 def _bounded_chart(title: str, gains: Matrix, bounds: Matrix) -> Chart:
     curves = [
         Curve(label=f"bound, {axis}", colour=k, x=_OMEGA, y=bounds[:, k], style=CurveStyle.DASHED)
-        for k, axis in enumerate(_AXES)
+        for k, axis in enumerate(AXES)
     ]
     curves = [
         *merge_curves(curves, "bound, all axes"),
-        *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(_AXES)),
+        *(Curve(label=axis, colour=k, x=_OMEGA, y=gains[:, k]) for k, axis in enumerate(AXES)),
     ]
     return frequency_chart(title, tuple(curves))
 

@@ -7,9 +7,10 @@ from itertools import pairwise
 from math import degrees, inf
 from typing import Any
 
-from firmware_model.config.requirement import AXES, Metric, Requirement
+from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.timeline import timeline
+from firmware_model.types import AXES
 from gustproof.show.report.html.runs import ReportRun
 
 

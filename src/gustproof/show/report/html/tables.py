@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from firmware_model.types import AXES
 from gustproof.design.derive import margins_to_dict
 from gustproof.flight.scoring.requirements import (
     RequirementResult,
@@ -20,7 +21,6 @@ from gustproof.show.report.laws import MARGINS, format_margin, format_poles
 from gustproof.show.report.terminal import FIGURES, figure_rows, format_number
 from gustproof.studies.rate.analyse import pole_pairs
 
-_AXES = ("roll", "pitch", "yaw")
 _OWN_VIEW = {
     "control_rmse_deg": "RMSE against its set-point, as the autopilot sees it",
     "true_control_rmse_deg": "RMSE against its set-point, in truth",
@@ -162,7 +162,7 @@ def render_margins(laws: Iterable[ReportLaw]) -> str:
             rows.append([escape(law.label), reason, *[""] * (len(heads) - 2)])
             continue
         figures = margins_to_dict(law.hover.margins)["input"]
-        for axis in _AXES:
+        for axis in AXES:
             cells = [format_margin(figures[axis][name]) for name in MARGINS]
             first = axis == "roll"
             disk = format_margin(figures["disk_margin"]) if first else ""
