@@ -107,7 +107,7 @@ WEIGHT = VEHICLE.mass * GRAVITY
         (STANDING, (0.0, 0.0, 0.0), (1.1 * PARAMS.foot_B[1] * WEIGHT, 0.0, 0.0), False),
         (STANDING, (0.0, 0.0, 0.0), (0.0, -1.1 * PARAMS.foot_B[0] * WEIGHT, 0.0), False),
     ],
-    ids=["motors off", "some thrust", "moves", "turns", "tilted", "half", "lifts", "slides", "spins", "tips", "tips ahead"],
+    ids=["motors off", "thrust", "moves", "turns", "tilted", "half", "lifts", "slides", "spins", "tips", "tips ahead"],
 )  # fmt: skip
 def test_it_rests_while_its_feet_can_carry_what_acts(body, force, moment, resting):
     assert is_at_rest(PARAMS, body, force, moment) is resting
