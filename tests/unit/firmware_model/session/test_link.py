@@ -1,6 +1,7 @@
 """Each fault of the link against its formula, on datagrams sent every 4 ms."""
 
 import math
+from dataclasses import replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -142,6 +143,11 @@ def test_doubled_ones_arrive_twice_each_with_its_own_jitter():
     assert abs(doubled / MANY - 0.1) < 4.0 * sigma(0.1)
     apart = [second[0] - first[0] for first, second in pairwise(arrivals) if first[1] == second[1]]
     assert len(set(apart)) > 100
+
+
+def test_a_microsecond_is_held_back_too():
+    _, line = passed(replace(HOLDING, by_s=1e-6), count=200)
+    assert 0 < line.counters[LinkCounter.HELD_BACK] < 60
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_model.config.events import Payload
 from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle, load_vehicle
 from firmware_model.config.waveforms import Constant, MomentRamp, MomentSine
@@ -177,6 +178,15 @@ def test_after_touchdown_the_rotors_carry_three_tenths_of_the_weight() -> None:
     for _ in range(250):
         loop.advance(PositionTarget((0.0, 0.0, 0.0), yaw=0.0, v_down=0.5), 0)
     assert loop.thrust * VEHICLE.rotors.total_thrust == pytest.approx(0.3 * VEHICLE.mass * GRAVITY)
+
+
+def test_a_load_that_is_dropped_is_weight_off_the_feet() -> None:
+    script = replace(QUIET, translation="free", event=(Payload(kind="payload", at_s=0.1, mass_kg=-0.3),))
+    changes = initial_state(VEHICLE, script, 1).changes
+    before = VEHICLE.mass * GRAVITY
+    (places,) = (np.flatnonzero(initial_state(VEHICLE, script, 1).params == before),)
+    after = {int(at): value for _, at, value in changes}
+    assert (VEHICLE.mass - 0.3) * GRAVITY in [pytest.approx(after[at]) for at in places.tolist() if at in after]
 
 
 def test_off_clamps_on_the_stand_and_the_next_set_point_frees() -> None:
