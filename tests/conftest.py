@@ -105,7 +105,12 @@ def _patch_launch(patch: pytest.MonkeyPatch, launch: Callable[..., subprocess.Po
 
 
 def _launch(module: str, *arguments: str, **_: bool) -> subprocess.Popen[str]:
-    begin = run_in_copy(module, partial(_run, module), arguments)
+    run = run_in_copy(module, partial(_run, module), arguments)
+
+    def begin() -> None:
+        sys.settrace(None)  # before any file that coverage has not met: another thread may hold its lock
+        run()
+
     with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # a worker's other thread only reads
         return subprocess.Popen(
             [sys.executable, "-m", module, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -115,7 +120,6 @@ def _launch(module: str, *arguments: str, **_: bool) -> subprocess.Popen[str]:
 
 def _run(module: str, words: Sequence[str]) -> int:
     """Run a module as Python would that was started with it, and return its exit status."""
-    sys.settrace(None)
     faulthandler.disable()
     sys.argv = [module, *words]
     warnings.filterwarnings("ignore", "'.*' found in sys.modules", RuntimeWarning)

@@ -48,7 +48,8 @@ def test_a_sound_file_is_told_by_what_is_in_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["description: missing", "duration_s: missing"]),
+        ("", ["is empty"]),
+        ("altitude_m = 5.0\n", ["description: missing", "duration_s: missing"]),
         (HEAD + LEVEL + "at_lest = 1\n" + '[[require]]\nmetric = "peek"\n', ["require.0.at_lest: unknown key", "peek"]),
         (HEAD + LEVEL + "to_s = 2.0\n", ["require.0: to_s must not be later than the end, 1.0 s"]),
         (HEAD + "[[require", ["not TOML"]),

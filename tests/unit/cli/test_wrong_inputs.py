@@ -279,7 +279,6 @@ compare paper nowhere --law flagship
 compare course --law nothing
 compare course --law flagship --law mine.py:make
 compare paper --law "exec: node mine.mjs"
-fly paper --law folder
 compare paper --autopilot px4 --vehicle bike
 compare paper --autopilot px4 --build nowhere
 tune iris --scenario nowhere
