@@ -155,7 +155,7 @@ def read_document(path: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        If there is no such file, or it is not TOML.
+        If there is no such file, it is not TOML, or it is empty.
     """
     try:
         text = read_text(path, _TOML)
@@ -166,6 +166,8 @@ def read_document(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not TOML: {sanitize_line(str(error))}") from None
+    if not document:
+        raise ConfigError(f"{path}: is empty")
     return document
 
 
@@ -191,8 +193,6 @@ def read_toml(
     """
     path = shipped_path(kind.__name__.lower(), name_or_path, folder)
     content = read_document(path)
-    if not content:
-        raise ConfigError(f"{path}: is empty")
     _refuse_other_kind(kind.__name__.lower(), content, path)
     document = {"name": path.stem, **complete(content, path)}
     return validate(kind, document, str(path), lambda key: find_line(read_text(path, _TOML), key))

@@ -418,10 +418,12 @@ def find_vehicle(controller: Any, vehicle: Vehicle | None) -> Vehicle:
     ValueError
         If none is given, and the controller is no law of a shipped one.
     """
+    if vehicle is not None:
+        return vehicle
     own = controller.provenance.shipped_vehicle if isinstance(controller, Law) else None
-    if vehicle is None and own is None:
+    if own is None:
         raise ValueError(f"'{controller.name}' is a law of no shipped vehicle: vehicle must be given")
-    return load_vehicle(own) if vehicle is None and own is not None else vehicle  # type: ignore[return-value]
+    return load_vehicle(own)
 
 
 def list_laws() -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -20,8 +21,6 @@ from typing import Any, Self
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-import firmware_model.__main__ as vehicle_program
-import gustproof.flight.endpoint.__main__ as controller_program
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.errors import ConfigError
@@ -45,7 +44,6 @@ _BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
 _START_TIMEOUT_S = 60.0  # for a controller to begin the flight
-_PROGRAMS = {"firmware_model": vehicle_program.main, "gustproof.flight.endpoint": controller_program.main}
 _OUTCOMES = {
     VehicleOutcome.DONE: FlightOutcome.DONE,
     VehicleOutcome.STREAM_LOST: FlightOutcome.CONTROLLER_LOST,
@@ -338,8 +336,10 @@ def launch(module: str, *arguments: str, copied: bool = False) -> "subprocess.Po
     killed, its standard input ends, and so does it. The current folder is not on its path: a file there that has the
     name of a module must not run. If it is `copied`, and can be, it need not import what this process has imported.
     """
-    name = module.rpartition(".")[2]
-    copy = run_in_copy(name, _PROGRAMS[module], arguments) if copied and can_fork() else None
+    copy = None
+    if copied and can_fork():
+        main = import_module(f"{module}.__main__").main  # here, so that who starts no copy need not load it
+        copy = run_in_copy(module.rpartition(".")[2], main, arguments)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments], preexec_fn=copy,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,

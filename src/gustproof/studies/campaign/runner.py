@@ -1,7 +1,6 @@
 """Fly a campaign on a pool of workers, and survive the death of workers."""
 
 import json
-import os
 from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
@@ -10,7 +9,7 @@ from typing import Any
 
 from gustproof.errors import FlightError
 from gustproof.flight.routes.kernels import LANES
-from gustproof.studies.campaign.executors import Pool, process_pool
+from gustproof.studies.campaign.executors import Pool, count_cores, process_pool
 from gustproof.studies.campaign.growth import take_runs
 from gustproof.studies.campaign.plan import Campaign, check_given
 from gustproof.studies.campaign.store import Shard, Store
@@ -71,7 +70,7 @@ def fly_campaign(
     64
     """
     if pool is None:
-        with process_pool(os.cpu_count() or 1) as pool:
+        with process_pool(count_cores()) as pool:
             options: dict[str, Any] = {"chunk_runs": chunk_runs, "progress": progress, "task": task}
             fly_campaign(campaign, output, pool, known=known, shard=shard, **options)
         return
