@@ -72,8 +72,21 @@ def test_a_library_by_hand_begins_where_its_init_says(build):
         ("int nothing;", "has no <name>_facts"),
         (FACTS.format(numbers="1, 6, 8, 0, 0", dt=0.004), "has no mine_init"),
         (FACTS.format(numbers="1, 7, 8, 0, 0", dt=0.004) + STEP, "measured 7"),
-        (FACTS.format(numbers="0, 6, 8, 0, 0", dt=0.004) + STEP, "states 0"),
-        (FACTS.format(numbers="1, 6, 8, 0, 0", dt=-0.004) + STEP, "dt -0.004"),
+        *(
+            (FACTS.format(numbers=numbers, dt=0.004) + STEP, complaint)
+            for numbers, complaint in (
+                ("0, 6, 8, 0, 0", "states 0"),
+                ("4097, 6, 8, 0, 0", "states 4097"),
+                ("1, 6, 5, 0, 0", "bytes 5"),
+                ("1, 6, 8, 2, 0", "rates 2"),
+                ("1, 6, 8, 0, 4097", "reserved 4097"),
+                ("1, 6, 8, 0, -1", "reserved -1"),
+            )
+        ),
+        *(
+            (FACTS.format(numbers="4096, 9, 8, 1, 4096", dt=dt) + STEP, f"dt {told}")
+            for dt, told in (("-0.004", "-0.004"), ("0.0", "0.0"), ("1.0 / 0.0", "inf"))
+        ),
         (FACTS.format(numbers="1, 6, 8, 0, 0", dt=0.004) + STEP + "int other_facts;", "facts of mine, other"),
     ],
 )

@@ -8,6 +8,7 @@ from gustproof.flight.controllers.stepper import make_stepper
 from gustproof.flight.controllers.user_controller import (
     ControllerKind,
     confirm_controller,
+    find_program,
     parse_controller,
     parse_controller_metadata,
 )
@@ -47,6 +48,12 @@ def test_each_way_in_has_its_kind_name_and_digest(file, tmp_path, monkeypatch):
 def test_what_names_no_entry_is_told(source, complaint):
     with pytest.raises(ConfigError, match=complaint):
         parse_controller(source)
+
+
+def test_a_program_that_is_there_is_its_words_and_another_is_told():
+    assert find_program("exec: sh -c 'exit 3'") == ["sh", "-c", "exit 3"]
+    with pytest.raises(ConfigError, match="there is no program 'no-such-program'"):
+        find_program("exec: no-such-program sh")
 
 
 def test_a_flown_entry_flies_again_if_it_is_named_again_and_has_not_changed(file, tmp_path):

@@ -33,7 +33,9 @@ def sample(time_us: int, roll_rate: float = 1.0) -> ImuSample:
 
 
 def test_first_answer_comes_from_the_stated_initial_state():
-    answer = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5).answer(sample(0))
+    controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
+    assert controller.fractions == (0.0, 0.0, 0.0)
+    answer = controller.answer(sample(0))
     assert answer == TorqueCommand(time_us=0, torque_B=(0.0, 0.0, 0.0), throttle=None)
 
 
@@ -114,7 +116,7 @@ def test_the_reference_is_that_of_the_newest_stamp_that_has_come():
 
 def test_samples_between_two_that_came_are_missed_and_a_fresh_law_misses_none():
     controller = ControllerCore(integrator(), (10.0, 10.0, 10.0), 0.5)
-    for time_us in (1_000_000, 1_004_000, 1_012_000, 1_028_001):
+    for time_us in (1_000_000, 1_004_000, 1_012_000, 1_028_001, 1_028_002):
         controller.answer(sample(time_us))
     assert controller.missed == 1 + 3
     controller.answer(sample(2_000_000), reset=True)
@@ -130,7 +132,8 @@ def test_estimate_without_a_start_is_not_corrected():
     corrections: list[tuple] = []
     controller.answer(sample(8000), reset=True, attitude=(0.0, 0.0, 0.5))
     controller.correct((0.0, 0.0, 0.5), 0.02)
-    assert corrections == [(pytest.approx((0.0, 0.0, 0.0)), pytest.approx(0.1))]
+    controller.correct((0.0, 0.0, 0.5), 7.0)  # a tenth of a second at most
+    assert corrections == [(pytest.approx((0.0, 0.0, 0.0)), pytest.approx(share)) for share in (0.1, 0.5)]
 
 
 class Counting:
@@ -242,12 +245,22 @@ def test_heading_of_the_estimate_turns_with_the_gyro_and_ignores_a_wander():
     assert abs(controller.fractions[2] + turned) < 0.003  # two samples, and a little of 5 mrad
 
 
-def test_long_gap_is_bridged_from_the_sample_before_it():
+@pytest.mark.parametrize(
+    ("stamps", "expected"),
+    [
+        ((100_000, 180_000), 1.0 + 0.04 * np.arange(21)),
+        ((100_000, 1_100_000), 1.0 + 0.04 * np.arange(251)),
+        ((100_000, 1_100_001), [1.0, 11.00001]),  # a longer silence is none to bridge
+        ((100_000, 102_000), [1.0, 1.02]),  # half a step ahead is near enough
+        ((100_000, 101_999), [1.0]),
+    ],
+)
+def test_gap_is_bridged_from_the_sample_before_it(stamps, expected):
     controller = ControllerCore(counter(), (1.0, 1.0, 1.0), 0.5)
     controller.interpolating = True
     steps = []
     step = controller._law.step
     controller._law.step = lambda gyro, force: steps.append(gyro[0]) or step(gyro, force)
-    for time_us in (100_000, 180_000):
+    for time_us in stamps:
         controller.answer(sample(time_us, 1e-5 * time_us), reset=time_us == 100_000)
-    np.testing.assert_allclose(steps, 1.0 + 0.04 * np.arange(21), atol=1e-9)
+    np.testing.assert_allclose(steps, expected, atol=1e-9)

@@ -217,6 +217,14 @@ def test_vehicle_of_another_rate_is_not_flown(autopilot):
     assert "400 Hz: set IMU_INTEG_RATE to 250" in autopilot.endpoint.message
 
 
+@pytest.mark.parametrize(("rate_hz", "outcome"), [(250.03, None), (250.035, ControllerOutcome.WRONG_RATE)])
+def test_rate_is_the_law_s_if_its_steps_are_within_half_a_microsecond(autopilot, rate_hz, outcome):
+    autopilot.reach(Phase.READING)
+    *others, _ = parameters()
+    autopilot.say(*others, wire.MAVLink_param_value_message(b"IMU_INTEG_RATE", rate_hz, 9, 5, 4), imu(0))
+    assert autopilot.endpoint.outcome is outcome
+
+
 def give_up(autopilot: Autopilot, interval_us: int = 0) -> str:
     """Send samples, if an interval is given, until the controller gives up; return its reason."""
     time_us = 1_000_000
@@ -557,6 +565,62 @@ def test_deadline_is_the_next_heartbeat_retry_or_loss_of_the_vehicle(autopilot):
         autopilot.hear()
     assert autopilot.endpoint.deadline_us() == VEHICLE_TIMEOUT_US + 1
     assert autopilot.endpoint.outcome is None
+
+
+@pytest.mark.parametrize("phase", [Phase.ENTERING, Phase.FLYING])
+def test_interruption_hands_back_once_who_was_flown_by_a_pilot_and_nobody_else(autopilot, phase):
+    def requests(each: Autopilot) -> list:
+        return [message for message in each.hear() if getattr(message, "command", 0) == MODE]
+
+    piloted = join(HOLD)
+    piloted.hear()
+    if phase is Phase.FLYING:
+        piloted.say(accepted(MODE))
+    assert piloted.endpoint.phase is phase
+    piloted.endpoint.interrupt()
+    piloted.endpoint.interrupt()
+    (request,) = [message for message in requests(piloted) if message.param3]
+    assert (request.param1, request.param2, request.param3) == (1.0, 4.0, 3.0)
+    autopilot.reach(phase)
+    autopilot.hear()
+    autopilot.endpoint.interrupt()
+    assert requests(autopilot) == []
+
+
+@pytest.mark.parametrize(("law", "intervals"), [("hinf-d1", {}), ("flagship", {30: 20_000.0}),
+    ("hinf-rates", {30: 20_000.0, 32: 20_000.0, 245: 200_000.0})])  # fmt: skip
+def test_navigation_is_requested_at_its_rates_as_far_as_the_law_needs_it(law, intervals):
+    autopilot = Autopilot(law)
+    autopilot.reach(Phase.READING)
+    autopilot.hear()
+    autopilot.say(beat(HOLD), *parameters(), imu(4000), imu(8000), imu(12_000))
+    asked_for = [message for message in autopilot.hear() if getattr(message, "command", 0) == INTERVAL]
+    assert {message.param1: message.param2 for message in asked_for} == intervals
+
+
+@pytest.mark.parametrize(("age_us", "starts_there"), [(500_000, True), (500_001, False)])
+def test_law_starts_at_an_attitude_of_half_a_second_and_level_at_an_older_one(age_us, starts_there):
+    autopilot = Autopilot("hinf-rates")
+    read(autopilot, mode=GUIDED)
+    autopilot.now_us += age_us
+    autopilot.say(landed(IN_AIR), imu(1_100_000))
+    (answer,) = setpoints(autopilot)
+    assert (answer.body_roll_rate < -0.5) is starts_there
+
+
+@pytest.mark.parametrize(("severity", "is_told"), [(4, True), (5, False)])
+def test_words_of_the_autopilot_are_told_from_a_warning_on(severity, is_told):
+    told: list[str] = []
+    flying_ardupilot(told).say(wire.MAVLink_statustext_message(severity, b"wind"))
+    assert ("the autopilot reports: wind" in told) is is_told
+
+
+def test_attitude_corrects_by_the_time_since_the_last_one():
+    autopilot, told = flying_ardupilot(correct_attitude=True), []
+    autopilot.endpoint._controller.correct = lambda *given: told.append(given)
+    for time_ms in (1020, 1070, 1050):
+        autopilot.say(wire.MAVLink_attitude_message(time_ms, 0.25, -0.5, 1.0, 0.0, 0.0, 0.0))
+    assert told == [((0.25, -0.5, 1.0), step_s) for step_s in (0.02, 0.05, 0.0)]
 
 
 def test_no_samples_are_missed_before_the_law_flies(autopilot):
