@@ -102,6 +102,11 @@ def test_attitude_target_without_thrust_or_something_to_track_is_refused(target,
     )
 
 
+def test_yaw_rate_that_is_not_told_is_zero_beside_told_rates():
+    told = wire.MAVLink_set_attitude_target_message(4, 1, 1, 0x84, [1.0, 0.0, 0.0, 0.0], 0.5, -0.25, math.nan, 0.5)
+    assert read_slowly(told) == rates(0.5, -0.25, 0.0)
+
+
 def torques(*torque_B: float, throttle: float | None = None, time_us: int = 4000) -> TorqueCommand:
     return TorqueCommand(time_us=time_us, torque_B=torque_B, throttle=throttle)
 

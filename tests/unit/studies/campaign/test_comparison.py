@@ -1,3 +1,5 @@
+import math
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -6,6 +8,7 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import FlightError
 from gustproof.flight.routes.external import ExternalAutopilot
+from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.studies.campaign import comparison
 
 
@@ -44,3 +47,49 @@ def test_progress_tells_who_flies_and_stops_with_the_last_that_is_open(monkeypat
         (pytest.approx(1 / 120), "copy, seed 1"),
         (pytest.approx(2 / 120), "worse, seed 1"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome", "tilt_s", "failed"),
+    [
+        (59.9, FlightOutcome.DONE, None, False),
+        (60.0, FlightOutcome.DONE, None, True),
+        (math.nan, FlightOutcome.DONE, None, True),
+        (1.0, FlightOutcome.DIVERGED, None, True),
+        (1.0, FlightOutcome.DONE, 0.0, True),
+    ],
+)
+def test_a_flight_that_fell_or_erred_by_60_degrees_failed_and_counts_as_60(
+    monkeypatch: pytest.MonkeyPatch, error: float, outcome: FlightOutcome, tilt_s: float | None, failed: bool
+) -> None:
+    monkeypatch.setattr(comparison, "_steady_error", lambda *_: error)
+    monkeypatch.setattr(comparison, "first_tilt_s", lambda _: tilt_s)
+    flight: Any = SimpleNamespace(records=[], scenario=None, outcome=outcome)
+    for rmse, told in ((59.0, 59.0), (61.0, 60.0), (math.nan, 60.0)):
+        figures: Any = SimpleNamespace(rmse_deg=rmse, torque_slew_rms=3.0, realtime_factor=0.0)
+        view: Any = SimpleNamespace(control_rmse_deg=2.0)
+        expected = (60.0 if failed else error, told, 2.0, 3.0, None, failed)
+        assert comparison._read_flight(flight, figures, view) == expected
+        figures.realtime_factor = 5.0
+        assert comparison._read_flight(flight, figures, None)[2:5] == (None, 3.0, 5.0)
+
+
+def test_a_row_has_medians_over_seeds_of_geometric_means_over_scenarios() -> None:
+    def flown(*errors: float, factor: float | None = None, failed: bool = False) -> list[comparison._Flown]:
+        return [comparison._Flown(each, 2.0 * each, factor, 3.0 * each, factor, failed) for each in errors]
+
+    first = [flown(1.0, 4.0), flown(4.0, 9.0), flown(2.0, 2.0)]
+    mine = [flown(2.0, 8.0, factor=7.0), flown(1.0, 9.0, factor=5.0, failed=True)]
+    point: Any = SimpleNamespace(Ms=1.5, delay_margin=math.inf)
+    row = comparison._make_row("mine", mine, first, ["calm", "windy"], point)
+    assert (row.steady_rmse_deg, row.rmse_deg, row.torque_slew_rms) == pytest.approx((3.5, 7.0, 10.5))
+    assert (row.own_rmse_deg, row.realtime_factor, row.seeds, row.failed) == (6.0, 6.0, 2, 2)
+    assert (row.Ms, row.delay_margin_s) == (1.5, None)
+    assert row.ratio is not None
+    assert row.ratio.value == pytest.approx(math.sqrt(2.0 * 0.5))
+    assert row.by_scenario == pytest.approx({"calm": math.sqrt(2.0 / 4.0), "windy": math.sqrt(72.0 / 36.0)})
+    assert row.to_dict()["error_ratio_high"] is None
+    alone = comparison._make_row("first", first, None, ["calm", "windy"], None)
+    assert alone.by_scenario == pytest.approx({"calm": 2.0, "windy": 72.0 ** (1 / 3)})
+    assert (alone.ratio, alone.change, alone.Ms, alone.own_rmse_deg) == (None, None, None, None)
+    assert comparison._make_row("first", [flown(1.0)], None, ["calm"], None).by_scenario == {}

@@ -93,6 +93,14 @@ def test_what_does_not_rise_or_fall_is_still_seen():
     assert found.first_order > 0.9
 
 
+@pytest.mark.parametrize(("n", "bins"), [(50, 2), (74, 2), (75, 3), (799, 31), (800, 32), (2000, 32)])
+def test_a_bin_has_25_runs_and_there_are_32_at_most(n, bins):
+    values = np.random.default_rng(6).permutation(n).astype(float)
+    found = importance(rank_values(np.arange(float(n))), values, rank_values(values).ranks)
+    ratio = (bins - 1) * f.ppf(0.95, bins - 1, n - bins) / (n - bins)
+    assert found.noise == pytest.approx(1.0 - (n - 1) / (n - bins) / (1.0 + ratio))
+
+
 def test_too_few_runs_say_nothing_of_importance():
     values = np.arange(49.0)
     assert importance(rank_values(values), values, rank_values(values).ranks) is None

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import Change, error_ratio, find_change
 
 
@@ -48,3 +49,41 @@ def test_one_pair_tells_nothing_and_equal_flights_are_alike_and_units_cancel() -
     errors, others = [1.0, 1.1, 1.3, 0.9, 1.2, 1.0], [0.9, 1.0, 1.2, 0.8, 1.1, 0.95]
     scaled = error_ratio([1e3 * each for each in errors], [1e3 * each for each in others])
     assert scaled == pytest.approx(error_ratio(errors, others))
+
+
+@pytest.mark.parametrize("n", [4, 5, 30])
+def test_at_an_end_of_the_interval_the_likelihood_ratio_is_a_hundred(n: int) -> None:
+    """Of an effect with a variance of 10 to none, by Student's t (Perez-Ortiz and others, 2024, section 4)."""
+    ratios = np.exp(np.random.default_rng(n).normal(0.05, 0.02, n))
+    found, spread = error_ratio(ratios.tolist(), [1.0] * n), float(np.std(np.log(ratios), ddof=1))
+    assert found.value == pytest.approx(float(np.exp(np.mean(np.log(ratios)))))
+    for end in (found.low, found.high):
+        t = math.sqrt(n) * math.log(found.value / end) / spread
+        growth, share = 1.0 + 10.0 * n, t * t / (n - 1)
+        evidence = growth**-0.5 * ((1.0 + share) / (1.0 + share / growth)) ** (n / 2)
+        assert evidence == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("count", "is_bounded"), [(3, False), (4, True)])
+def test_four_pairs_bound_a_ratio_and_equal_ones_have_a_spread_of_a_billionth(count: int, is_bounded: bool) -> None:
+    found = error_ratio([2.0] * count, [1.0] * count)
+    assert (found.low, found.high) == pytest.approx((2.0, 2.0), abs=1e-6) if is_bounded else (0.0, math.inf)
+    if is_bounded:
+        assert 1e-8 < found.high - found.low < 3e-7
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "change"),
+    [
+        (0.991, 1.009, Change.ALIKE),
+        (0.991, 0.999, Change.ALIKE),
+        (0.989, 1.009, Change.OPEN),
+        (0.991, 1.011, Change.OPEN),
+        (0.9, 0.999, Change.BETTER),
+        (0.9, 1.0, Change.OPEN),
+        (1.001, 1.1, Change.WORSE),
+        (1.0, 1.1, Change.OPEN),
+    ],
+)
+def test_an_error_is_less_more_or_alike_within_a_hundredth(low: float, high: float, change: Change) -> None:
+    assert find_change(IntervalEstimate(1.0, low, high)) is change
