@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PARAMETER_SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of autopilots' parameter files."""
-_LAW_SUFFIXES, _LOG_SUFFIXES = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog")
+_LAW_SUFFIXES, _LOG_SUFFIXES = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog", ".csv", ".bbl", ".bfl")
 LAW_HELP = (
     "A shipped law, a .json or .mat file, or a folder of tables; parameters of PX4 or ArduPilot (.params, .param) for "
     "its own loops."

@@ -83,6 +83,8 @@ Params = Annotated[
 FigureLook = Annotated[
     FigureStyle, typer.Option("--style", help="screen, or paper: 3.5 inches wide, serif, for a column of a paper.")
 ]
+FlightBegin = Annotated[float | None, typer.Option("--from", help="Begin of the flight in the log [s], if not told.")]
+FlightEnd = Annotated[float | None, typer.Option("--to", help="End of the flight in the log [s], if not told.")]
 FigureData = Annotated[bool, typer.Option("--data", help="Write the drawn numbers beside the figure (.csv).")]
 VehicleName = Annotated[
     str, typer.Option(help="A shipped vehicle, or a .toml file.", autocompletion=complete("vehicle"))

@@ -7,7 +7,17 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.flights import complete_recordings
-from gustproof.cli.options import AsJson, Force, check_output, print_json, print_next, progress, working
+from gustproof.cli.options import (
+    AsJson,
+    FlightBegin,
+    FlightEnd,
+    Force,
+    check_output,
+    print_json,
+    print_next,
+    progress,
+    working,
+)
 from gustproof.flight.recording.folder import find_bag, find_bags
 from gustproof.flight.recording.layout import LAYOUTS, save_layout
 
@@ -33,6 +43,8 @@ def report(
         Path,
         typer.Option("-o", "--output", help="Write the page here (.html), a layout (.json, .xml), or a ULog (.ulg)."),
     ] = Path("report.html"),
+    begin: FlightBegin = None,
+    end: FlightEnd = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -53,10 +65,12 @@ def report(
     if logs := [run for run in runs if run.is_file() and run.suffix not in (".parquet", ".mcap")]:
         if len(runs) > 1 or output.suffix != ".html":
             raise ConfigError(f"{logs[0]}: a log has a page (.html) of its own")
-        _report_log(logs[0], output, as_json=as_json)
+        _report_log(logs[0], output, begin, end, as_json=as_json)
         return
-    if as_json:
-        raise ConfigError("--json: of a log alone; figures of flights are those of `gustproof fly --json`")
+    if (as_json, begin, end) != (False, None, None):
+        raise ConfigError(
+            "--json, --from, --to: of a log alone; figures of flights are those of `gustproof fly --json`"
+        )
     for run in runs:
         complete_recordings(run)
     if output.suffix != ".html":
@@ -115,7 +129,8 @@ def _report_campaign(runs: list[Path], output: Path) -> None:
     print(f"the campaign of {runs[0]} in {output}")
 
 
-def _report_log(path: Path, output: Path, *, as_json: bool) -> None:
+def _report_log(path: Path, output: Path, begin: float | None, end: float | None, *, as_json: bool) -> None:
+    from gustproof.logs.read.flight_log import crop
     from gustproof.logs.read.read_log import read_log
     from gustproof.show.report.html.log_page import write_log_report
     from gustproof.show.report.log_summary import flight_document, render_flight
@@ -123,7 +138,7 @@ def _report_log(path: Path, output: Path, *, as_json: bool) -> None:
     from gustproof.studies.logged_flight import study_log
 
     with progress(f"reading {path}", quiet=as_json) as shown:
-        found = study_log(read_log(path), path.stem, progress=shown)
+        found = study_log(crop(read_log(path), begin, end), path.stem, progress=shown)
     write_log_report(found, output)
     if as_json:
         print_json(flight_document(found) | {"page": str(output)})
@@ -131,7 +146,8 @@ def _report_log(path: Path, output: Path, *, as_json: bool) -> None:
     show(render_flight(found))
     print(f"the flight of {path} in {output}")
     if found.shown is not None and found.shown.file is not None:
-        print_next("identify", path, "-o", "my-quad.toml", "--like", "iris")
+        span = [word for name, at in (("--from", begin), ("--to", end)) if at is not None for word in (name, f"{at:g}")]
+        print_next("identify", path, *span, "-o", "my-quad.toml", "--like", "iris")
 
 
 def _print_next(flights: "Sequence[ReportRun]") -> None:

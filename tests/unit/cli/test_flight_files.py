@@ -82,6 +82,7 @@ def test_a_campaign_fails_the_requirement_that_a_run_did_not_meet() -> None:
         ("campaign fly gust-roll -o a.parquet --shard 1/2 --json", "a shard has no figures"),
         ("report none -o a.ulg", "none: no such folder"),
         ("report none other -o a.ulg", "a ULog holds one flight"),
+        ("report none --from 3", "--json, --from, --to: of a log alone"),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_a_flight(words: str, said: str) -> None:

@@ -10,6 +10,8 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.options import (
     AsJson,
+    FlightBegin,
+    FlightEnd,
     Force,
     check_output,
     parse_positive_vector,
@@ -36,10 +38,8 @@ def identify(
         ),
     ],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the vehicle here, a new .toml.")] = None,
-    begin: Annotated[
-        float | None, typer.Option("--from", help="Begin of the flight in the log [s], if not told.")
-    ] = None,
-    end: Annotated[float | None, typer.Option("--to", help="End of the flight in the log [s], if not told.")] = None,
+    begin: FlightBegin = None,
+    end: FlightEnd = None,
     report: Annotated[Path | None, typer.Option(help="Write curves and numbers here, a new .html.")] = None,
     wind: Annotated[
         Path | None, typer.Option(help="Write the disturbance as wind for `replay` here, a new .csv.")
@@ -68,6 +68,7 @@ def identify(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.logs.identify.shown_vehicle import show_vehicle
     from gustproof.logs.identify.vehicle_file import Known
+    from gustproof.logs.read.flight_log import crop
     from gustproof.logs.read.read_log import read_log
 
     outputs = {"vehicle": output, "report": report, "wind": wind, "scenario": scenario}
@@ -85,7 +86,7 @@ def identify(
         load_vehicle(like)  # refused before the work, not after it
     title = f"identify {log}"
     with progress(f"reading {log}", quiet=as_json) as shown:
-        flight, name = _crop(read_log(log), begin, end), (output or log).stem
+        flight, name = crop(read_log(log), begin, end), (output or log).stem
         found = show_vehicle(flight, name, known, progress=lambda share: shown(share, title))
         _write(flight, found, outputs)
     if as_json:
@@ -115,19 +116,6 @@ def _tell_outputs(context: typer.Context, outputs: _Outputs, flight: "FlightLog"
         print_next("tune", output, "-o", output.with_suffix(".json"))
     elif has_vehicle:
         print_again(context, "-o", "my-quad.toml", without=outputs)
-
-
-def _crop(log: "FlightLog", begin: float | None, end: float | None) -> "FlightLog":
-    """Return the log with what is between `begin` and `end` [s] in the air, the ends of the log by default."""
-    if begin is None and end is None:
-        return log
-    first, last = (float(log.gyro.time[i]) for i in (0, -1))
-    begin, end = first if begin is None else begin, last if end is None else end
-    if not first <= begin < end <= last:
-        raise ConfigError(
-            f"--from {begin:g} --to {end:g}: must be in order and within the log, {first:g} .. {last:g} s"
-        )
-    return replace(log, airborne=((begin, end),))
 
 
 def _write(flight: "FlightLog", found: "ShownVehicle", outputs: _Outputs) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_model.errors import ConfigError
 from gustproof.logs.read import table
-from gustproof.logs.read.flight_log import CommandUnit
+from gustproof.logs.read.flight_log import CommandUnit, crop
 from gustproof.logs.read.read_log import read_log
 
 
@@ -169,3 +169,16 @@ def test_read_log_of_a_table_bounds_what_it_reads(
     monkeypatch.undo()
     with pytest.raises(ConfigError, match="2,000 columns"):
         read_log(path)
+
+
+def test_a_crop_is_the_flight_and_nothing_is_said_of_the_whole_log(tmp_path: Path, flown: np.ndarray) -> None:
+    log = read_log(write(tmp_path / "log.csv", "time_s,p_radps,q_radps,r_radps", flown))
+    assert crop(log, None, None) is log
+    assert any(line.startswith("airborne: not told") for line in log.findings)
+    for ends, airborne in (((0.2, None), (0.2, 0.798)), ((None, 0.5), (0.0, 0.5)), ((0.1, 0.3), (0.1, 0.3))):
+        found = crop(log, *ends)
+        assert found.airborne == (pytest.approx(airborne),)
+        assert not any(line.startswith("airborne: ") for line in found.findings)
+    for ends in ((0.5, 0.5), (0.5, 0.2), (-0.1, 0.5), (0.1, 0.9), (math.nan, 0.5)):
+        with pytest.raises(ConfigError, match=r"in order and within the log, 0 \.\. 0\.798 s"):
+            crop(log, *ends)
