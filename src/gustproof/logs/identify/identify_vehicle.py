@@ -53,6 +53,7 @@ _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this 
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
 _ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
+_HIDDEN = "the autopilot's answer to the gyro hides the vehicle's to the command"
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
@@ -110,14 +111,11 @@ class _Axis:
     @property
     def doubt(self) -> str:
         """Reason why the model is none of this vehicle, whatever its gain; empty if there is none."""
-        test, delay = self.held_out, interval(self.theta, self.replicates, lambda p: p[..., DELAY])
+        test = self.held_out
         if at_bound(self.theta) or (self.is_filled and is_prompt(self.theta)):
             return "its lag ends at a bound of the search, which is no estimate"
-        if delay.low > _LATEST:
-            return (
-                f"its command would act {1e3 * delay.nominal:.0f} ms late, which is longer than any speed controller "
-                "takes: the autopilot's answer to the gyro hides the vehicle's to the command"
-            )
+        if hidden := self._hidden():
+            return hidden
         if test is not None and test.surprise > _SURPRISE:
             return (
                 f"in pieces of the flight that the fit has not seen, errors are {math.sqrt(test.surprise):.1f} times "
@@ -127,15 +125,23 @@ class _Axis:
             return f"in pieces of the flight that the fit has not seen, its gain is {test.scale:.2g} times that"
         return ""
 
+    def _hidden(self) -> str:
+        """Return how the fit tells that it is the autopilot's answer; empty if it does not."""
+        delay = interval(self.theta, self.replicates, lambda p: p[..., DELAY])
+        if self.theta[DAMPING] >= HIGHEST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
+            return f"{_HIDDEN}, as its best fit is no multirotor"
+        if delay.low <= _LATEST:
+            return ""
+        late = f"its command would act {1e3 * delay.nominal:.0f} ms late"
+        return f"{late}, which is longer than any speed controller takes: {_HIDDEN}"
+
     @property
     def gain(self) -> Interval | None:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
         evidence = math.inf if self.held_out is None else self.held_out.evidence
         loose = _LOOSE if evidence > _EVIDENT else _VAGUE
-        sound = gain > 0.0 and evidence > 0.0 and self.theta[DAMPING] < HIGHEST_DAMPING
-        sound = sound and (self.data.square or self.theta[GAINS] > 0.0)
-        sound = sound and not self.doubt
+        sound = gain > 0.0 and evidence > 0.0 and not self.doubt
         return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
 
@@ -359,7 +365,7 @@ def _lateness(told: list[_Axis], hold: float, *, sampled: float, is_held: bool) 
         low, high = min(one.low for one in each), max(one.high for one in each)
         found.append(Interval(low + later * least, each[0].nominal + later * usual, high + later * hold))
     lag, delay, both = found
-    low, nominal, high = max(lag.low, 0.0), lag.nominal, lag.high
+    low, nominal, high = max(lag.low, _LEAST_LAG), lag.nominal, lag.high
     if any(is_prompt(axis.theta) for axis in told):
         nominal = min(nominal, max(both.nominal - max(delay.nominal, 0.0), _LEAST_LAG))
         low, high = min(low, 0.75 * nominal), max(high, both.high)
@@ -404,7 +410,7 @@ def _advise(axis: _Axis) -> str:
     if share > _MOSTLY:
         return (
             f"{name} is not identified: the command explains {100.0 * share:.0f} % of its acceleration, but not always "
-            "alike. The log may hold more than the flight: cut that off (`identify --from`, `--to`)"
+            f"alike. If the log holds more than the flight, cut that off (--from, --to). If not: {manoeuvre}"
         )
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     return (
