@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from scipy.linalg.lapack import dgeev
+from scipy.linalg.lapack import dgeev, dtrsyl
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.balancing import balance_states, balanced_realization
@@ -139,15 +139,20 @@ def h2_norm(system: LinearSystem) -> float:
     1.0
     """
     G = balance_states(as_lti(system))
-    if not G.is_stable() or (not G.dt and np.any(G.D)):
-        return float("inf")
     if not G.order:
-        return float(np.linalg.norm(G.D))
+        return float("inf") if not G.dt and np.any(G.D) else float(np.linalg.norm(G.D))
     if G.dt:
+        if not G.is_stable():
+            return float("inf")
         gramian = scipy.linalg.solve_discrete_lyapunov(G.A, G.B @ G.B.T)
-    else:
-        gramian = scipy.linalg.solve_continuous_lyapunov(G.A, -G.B @ G.B.T)
-    return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
+        return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
+    # One Schur form gives poles and Gramian; its diagonal has their real parts.
+    T, U = scipy.linalg.schur(G.A)
+    if np.any(G.D) or T.diagonal().max() >= 0.0:
+        return float("inf")
+    B, C = U.T @ G.B, G.C @ U
+    gramian, scale, _ = dtrsyl(T, T, -B @ B.T, tranb="T")
+    return float(np.sqrt(max(scale * np.trace(C @ gramian @ C.T), 0.0)))
 
 
 class _Image(NamedTuple):
