@@ -103,7 +103,7 @@ class Session:
         comparison = None if interrupted or self._compare is None else self._compare(result)
         _print_flight(result, comparison, as_json=self._as_json)
         if interrupted:
-            raise exit_with(f"interrupted; the recording so far is in {folder}", ExitStatus.INTERRUPTED)
+            raise exit_with(f"interrupted; {_say_kept(folder)}", ExitStatus.INTERRUPTED)
         for path in self._files:
             _write_file(path, result)
         self._failure = self._failure or _report_failures(result, comparison, folder)
@@ -192,6 +192,11 @@ def _print_flight(result: "Flight", comparison: Comparison | None, *, as_json: b
             print_next("report", result.bag, "-o", "report.html")
 
 
+def _say_kept(folder: Path) -> str:
+    """Return what is left of a flight that broke off."""
+    return f"the recording so far is in {folder}" if folder.exists() else "nothing was flown, and nothing is left"
+
+
 def _report_failures(result: "Flight", comparison: Comparison | None, folder: Path) -> typer.Exit | None:
     """Print how a flight compares with its original; return the exit if it differs, broke off or did not comply."""
     if comparison and comparison[0] is False:
@@ -199,7 +204,7 @@ def _report_failures(result: "Flight", comparison: Comparison | None, folder: Pa
     if comparison:
         print(f"gustproof: {comparison[1]}", file=sys.stderr)
     if not result.has_expected_outcome:
-        return exit_with(f"{result.message}; the recording so far is in {folder}", ExitStatus.FLIGHT_BROKE_OFF)
+        return exit_with(f"{result.message}; {_say_kept(folder)}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.is_met for each in result.requirements)
     if failed:
         return exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)
