@@ -32,6 +32,7 @@ from firmware_model.process.interrupts import call_on_interrupt
 from firmware_model.process.tlog import Tlog
 from firmware_model.process.words import read_words
 from firmware_model.recording.journal import JournalWriter, record_type
+from firmware_model.session.exchange import load_exchange
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
@@ -149,6 +150,8 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         # Load or compile the machine code before a peer waits for it.
         _tell_compiling(silent=options.json or not interactive)
         load_step(vehicle, scenario, options.seed)
+        if options.lockstep:
+            load_exchange(endpoint.loop)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)
         _show_status(stack, options, endpoint)
@@ -181,9 +184,9 @@ def _choose_ports(options: VehicleOptions) -> tuple[list[int], list[int]]:
     return [own + options.instance for own, _ in _PORTS], [remote + options.instance for _, remote in _PORTS]
 
 
-def _serve(endpoint: udp.Endpoint, sockets: Sequence[socket], *, lockstep: bool) -> None:
+def _serve(endpoint: VehicleEndpoint | Tlog, sockets: Sequence[socket], *, lockstep: bool) -> None:
     if lockstep and len(sockets) == 1:
-        udp.serve_lockstep(endpoint, sockets[0])
+        udp.serve_lockstep(endpoint, sockets[0], endpoint.exchange)
     else:
         udp.serve(endpoint, sockets, real_time=not lockstep)
 
@@ -291,7 +294,7 @@ def _open_journal(
     return stack.enter_context(writer)
 
 
-def _open_tlog(stack: ExitStack, options: VehicleOptions, endpoint: VehicleEndpoint) -> udp.Endpoint:
+def _open_tlog(stack: ExitStack, options: VehicleOptions, endpoint: VehicleEndpoint) -> VehicleEndpoint | Tlog:
     if options.tlog is None:
         return endpoint
     unix_us, flight = udp.unix_us(), endpoint.flight
@@ -300,7 +303,7 @@ def _open_tlog(stack: ExitStack, options: VehicleOptions, endpoint: VehicleEndpo
         return unix_us + (flight.clock_us(now_us) if flight.lockstep else now_us)
 
     try:
-        return stack.enter_context(Tlog(options.tlog, endpoint, stamp_us))
+        return stack.enter_context(Tlog(options.tlog, endpoint, stamp_us, endpoint.exchange))
     except OSError as error:
         raise ConfigError(f"{options.tlog}: {error.strerror}") from None
 

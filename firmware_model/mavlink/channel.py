@@ -80,14 +80,19 @@ class Channel:
                 return
         self._expected[source] = (sequence + 1) & 255
 
-    def read(self, template: FrameTemplate, source: tuple[int, int], datagram: bytes) -> tuple[Any, ...] | None:
-        """Return the fields of the next frame from a source, without counting it; `None` for any other datagram."""
-        return template.read(datagram, self._expected.get(source, 0))
+    def next_from(self, source: tuple[int, int]) -> int:
+        """Return the sequence number that the next frame from a source should have; any, so 0, for the first."""
+        return self._expected.get(source, 0)
 
-    def count_read(self, source: tuple[int, int]) -> None:
-        """Count the frame that `read` returned."""
-        self.received += 1
-        self._expected[source] = (self._expected.get(source, 0) + 1) & 255
+    def count_next(self, source: tuple[int, int], frames: int) -> None:
+        """Count frames that were received, each the next one from a source."""
+        self.received += frames
+        self._expected[source] = (self._expected.get(source, 0) + frames) & 255
+
+    def count_sent(self, frames: int) -> None:
+        """Count frames that were made elsewhere, with the next sequence numbers."""
+        self.sent += frames
+        self.packer.seq = (self.packer.seq + frames) & 255
 
     def make(self, template: FrameTemplate, *fields: float) -> bytes:
         """Return a message as a datagram to this peer, with the next sequence number."""

@@ -8,6 +8,7 @@ References
 MAVLink, packet serialization: version 2 frames, version 1 frames, payload truncation, CRC_EXTRA, message signing.
 """
 
+import re
 import struct
 from functools import cache
 from hashlib import sha256
@@ -18,12 +19,11 @@ from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.reasons import RejectReason as RejectReason
+from firmware_model.mavlink.wire import Address as Address
+from firmware_model.mavlink.wire import FrameBuffer, make_buffer
 
 Message = Any
 """A message of pymavlink's dialect module, which has no type stubs."""
-
-Address = tuple[int, tuple[str, int]]
-"""Number of our socket, and host and port of the other side."""
 
 _V2, _V1 = wire.PROTOCOL_MARKER_V2, wire.PROTOCOL_MARKER_V1
 _SIGNED, _SIGNATURE = wire.MAVLINK_IFLAG_SIGNED, wire.MAVLINK_SIGNATURE_BLOCK_LEN
@@ -110,10 +110,11 @@ class EncodedMessage(NamedTuple):
 
 
 class FrameTemplate:
-    """Frames of one message from one sender in which only the first fields change; packed and read in one step.
+    """Frames of one message from one sender in which only the first fields change; packed in one step.
 
     Frames are of version 2, unsigned, and equal those of `EncodedMessage` byte for byte.
-    `layout` is the struct format of the changing fields; `rest` is the payload after them, without trailing zeros.
+    `layout` is the struct format of the changing fields, a stamp and floats; `rest` is the payload after them, without
+    trailing zeros.
     """
 
     def __init__(self, message_id: int, system: int, component: int, layout: str, rest: bytes) -> None:
@@ -135,13 +136,11 @@ class FrameTemplate:
         """Return the message without frame."""
         return EncodedMessage(self._message_id, self._fields.pack(*fields) + self._rest)
 
-    def read(self, datagram: bytes, sequence: int) -> tuple[Any, ...] | None:
-        """Return the fields of the frame with the given sequence number; `None` for any other datagram."""
-        if datagram[:10] != self._heads[sequence] or datagram[self._rest_at : -2] != self._rest:
-            return None
-        if mcrf4xx(datagram[1:-2] + self._seed) != datagram[-2] | datagram[-1] << 8:
-            return None
-        return self._fields.unpack_from(datagram, 10)
+    def buffer(self) -> FrameBuffer:
+        """Return room for one frame, which kernels read and write; see `firmware_model.mavlink.wire`."""
+        floats = int(re.findall(r"\d+", self._fields.format)[-1])
+        stamp = 8 if "Q" in self._fields.format else 4
+        return make_buffer(self.make(0, *[0] * (1 + floats)), stamp, floats, self._rest_at, self._seed[0])
 
 
 def to_version_1(frame: bytes) -> bytes:

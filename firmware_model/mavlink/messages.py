@@ -93,29 +93,6 @@ def rate_template(system: int) -> FrameTemplate:
     return FrameTemplate(wire.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, system, CONTROLLER, "<I16x4f", rest)
 
 
-class SetpointReader:
-    """Fast reader of the set-point that answers a sample, from the on-board controller of `system`."""
-
-    def __init__(self, system: int) -> None:
-        self.source = system, CONTROLLER
-        self._torques, self._rates = torque_template(system), rate_template(system)
-
-    def read(self, datagram: bytes, channel: Channel, time_us: int, *, torque: bool) -> Command | None:
-        """Return the torques or rates for the sample at `time_us`, not counted; `None` for any other datagram.
-
-        The result equals that of `parse_command`; a set-point with anything to clip or reject gives `None`.
-        """
-        fields = channel.read(self._torques if torque else self._rates, self.source, datagram)
-        if fields is None:
-            return None
-        stamp, x, y, z, thrust = fields
-        if torque:
-            fits = -1.0 <= x <= 1.0 and -1.0 <= y <= 1.0 and -1.0 <= z <= 1.0 and math.isnan(thrust)
-            return TorqueCommand(stamp, (x, y, z), None) if fits and stamp == time_us else None
-        fits = stamp == boot_ms(time_us) and math.isfinite(x + y + z) and 0.0 <= thrust <= 1.0
-        return AttitudeTarget(stamp * 1000, None, (x, y, z), thrust) if fits else None
-
-
 def command_message(command: Command, target_system: int) -> EncodedMessage:
     """Return the set-point message of a command.
 

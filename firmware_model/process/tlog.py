@@ -11,8 +11,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_model.mavlink.frames import Address, Frame, RejectReason, parse
-from firmware_model.process.udp import Endpoint
+from firmware_model.mavlink.wire import LockstepLine
+from firmware_model.process.udp import Endpoint, Exchange, no_exchange
 from firmware_model.recording.durable_file import AppendOnlyFile
 
 _STAMP = struct.Struct(">Q")
@@ -29,8 +33,10 @@ class Tlog:
     reader could find the next frame after it.
     """
 
-    def __init__(self, path: Path, endpoint: Endpoint, stamp_us: Callable[[int], int]) -> None:
-        self._endpoint, self._stamp_us = endpoint, stamp_us
+    def __init__(
+        self, path: Path, endpoint: Endpoint, stamp_us: Callable[[int], int], exchange: Exchange = no_exchange
+    ) -> None:
+        self._endpoint, self._stamp_us, self._exchange = endpoint, stamp_us, exchange
         self._file = AppendOnlyFile(path)
         self._buffer = bytearray()
         self._peer_numbers: dict[Address, int] = {}
@@ -63,10 +69,17 @@ class Tlog:
             stamp_us = self._stamp_us(now_us)
             for datagram, address in sent:
                 self._log(datagram, address, stamp_us)
-            if stamp_us >= self._flush_at_us:
-                self._flush()
-                self._flush_at_us = stamp_us + _FLUSH_US
+            self._flush_after(stamp_us)
         return sent
+
+    def exchange(self, socket: int, clock: Callable[[], int]) -> LockstepLine | None:
+        """Exchange frames as the endpoint does."""
+        before_us = self._stamp_us(clock())
+        line = self._exchange(socket, clock)
+        if line is not None and line.turns:
+            stamps_us = np.linspace(before_us, self._stamp_us(clock()), line.turns + 1, dtype=np.int64)
+            self._log_turns(line, stamps_us)
+        return line
 
     def deadline_us(self) -> int:
         """Return the latest time for the next call of `poll`."""
@@ -84,11 +97,27 @@ class Tlog:
             self._file.close()
 
     def _log(self, frame: bytes, address: Address, stamp_us: int) -> None:
+        self._buffer += _STAMP.pack(stamp_us & ~3 | self._number(address))
+        self._buffer += frame
+
+    def _number(self, address: Address) -> int:
         number = self._peer_numbers.get(address, _PEERS)
         if number == _PEERS and len(self._peer_numbers) < _PEERS:
             number = self._peer_numbers[address] = len(self._peer_numbers)
-        self._buffer += _STAMP.pack(stamp_us & ~3 | number)
-        self._buffer += frame
+        return number
+
+    def _flush_after(self, stamp_us: int) -> None:
+        if stamp_us >= self._flush_at_us:
+            self._flush()
+            self._flush_at_us = stamp_us + _FLUSH_US
+
+    def _log_turns(self, line: LockstepLine, stamps_us: NDArray[np.int64]) -> None:
+        parts = []
+        for log, wire, since in zip(line.log, (line.taken, line.given), (stamps_us[:-1], stamps_us[1:]), strict=True):
+            head = (since & ~3 | self._number(line.address)).astype(">i8")
+            parts += [head.view(np.uint8).reshape(-1, _STAMP.size), log[: line.turns, : wire.model.size]]
+        self._buffer += np.hstack(parts).tobytes()
+        self._flush_after(int(stamps_us[-1]))
 
     def _flush(self) -> None:
         buffer, self._buffer = self._buffer, bytearray()

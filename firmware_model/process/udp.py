@@ -5,13 +5,15 @@ import os
 import select
 import socket
 import struct
+import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Address, RejectReason
+from firmware_model.mavlink.wire import LockstepLine
 
 _yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
 _MAX_DATAGRAM = 65_535  # bytes, the largest UDP datagram
@@ -46,6 +48,18 @@ class Endpoint(Protocol):
 
     def deadline_us(self) -> int:
         """Return the latest time for the next call of `poll`."""
+
+
+Exchange = Callable[[int, Callable[[], int]], LockstepLine | None]
+"""Exchange frames with a peer in machine code, for some ms at most: on the socket of that number, with that clock [us].
+
+It returns the line, with the datagram that ended it, if one did; `None` where anything else is to be done first.
+"""
+
+
+def no_exchange(_socket: int, _clock: Callable[[], int]) -> LockstepLine | None:
+    """Return `None`: nothing is exchanged in machine code."""
+    return None
 
 
 def bind(port: int, host: str = "127.0.0.1") -> socket.socket:
@@ -146,11 +160,14 @@ def serve(endpoint: Endpoint, sockets: Sequence[socket.socket], *, real_time: bo
         inbox.pass_on(1)
 
 
-def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
+def serve_lockstep(endpoint: Endpoint, bound: socket.socket, exchange: Exchange = no_exchange) -> None:
     """Serve an endpoint that alternates with its peer, as in lockstep, on one socket, connected or not.
 
     The process blocks in the read: on a core that both share, the peer runs at once. After a wait in vain it sleeps
     until the deadline or the next datagram, so deadlines are met to some ms.
+
+    While nothing but the expected datagrams comes, `exchange` reads and answers them, on Linux; elsewhere addresses and
+    clocks have other forms.
 
     A connected socket has a single peer, whose datagrams are all passed on, in order and without limit. Those that
     queued during a wait are passed on at once, before the endpoint is polled.
@@ -163,6 +180,7 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
     cycle = 0
     limits, queue = ((_CONNECTED_LIMIT, _CONNECTED_LIMIT), _CONNECTED_LIMIT) if peer else (_LIMITS[True], _PEER_QUEUE)
     inbox = _Inbox(endpoint, queue)
+    exchange = exchange if sys.platform == "linux" else no_exchange
     while True:
         datagrams, finished = endpoint.poll(now_us), endpoint.finished
         for datagram, (_, address) in datagrams:
@@ -176,7 +194,7 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
             is_readable = bool(_wait_readable((bound,), 0 if inbox.is_waiting else endpoint.deadline_us()))
         if is_readable:
             try:
-                datagram, source = (bound.recv(_MAX_DATAGRAM), peer) if peer else bound.recvfrom(_MAX_DATAGRAM)
+                datagram, source = _exchange(bound, peer, no_exchange if inbox.is_waiting else exchange)
             except OSError as error:
                 is_readable = not isinstance(error, BlockingIOError)
             else:
@@ -187,6 +205,14 @@ def serve_lockstep(endpoint: Endpoint, bound: socket.socket) -> None:
                     inbox.drain(bound, 0, *limits)
         inbox.pass_on(1)
         now_us = _now_us()
+
+
+def _exchange(bound: socket.socket, peer: tuple[str, int] | None, exchange: Exchange) -> tuple[bytes, tuple[str, int]]:
+    """Let `exchange` read on for a while; return the datagram that it left, or else the next one, and its source."""
+    line = exchange(bound.fileno(), _now_us)
+    if line is not None and (left := line.left):
+        return left
+    return (bound.recv(_MAX_DATAGRAM), peer) if peer else bound.recvfrom(_MAX_DATAGRAM)
 
 
 def _send(datagrams: Sequence[tuple[bytes, Address]], sockets: Sequence[socket.socket]) -> None:

@@ -25,6 +25,8 @@ Item = TypeVar("Item")
 class LinkCounter(Enum):
     """Counted fate of a datagram; the values are the counters' names."""
 
+    __hash__ = object.__hash__  # enum's own, in Python, is called ten times a sample
+
     SENT = "sent"
     """Entered this direction."""
     ARRIVED = "arrived"
@@ -72,12 +74,16 @@ class LinkDirection(Generic[Item]):
         if any([table.is_lost(number) for table in tables]):
             self.counters[LinkCounter.LOST] += 1
             return
-        duplicated = any(table.occurs(link_faults.Duplication, number) for table in tables)
-        self.counters[LinkCounter.DOUBLED] += duplicated
+        duplicated = any([table.occurs(link_faults.Duplication, number) for table in tables])
+        if duplicated:
+            self.counters[LinkCounter.DOUBLED] += 1
         for copy in range(1 + duplicated):
-            late_us = sum(table.delay_us(number, copy) for table in tables)
-            hold_back_us = sum(table.hold_back_us(number, copy) for table in tables)
-            self.counters[LinkCounter.HELD_BACK] += hold_back_us > 0
+            late_us = hold_back_us = 0
+            for table in tables:
+                late_us += table.delay_us(number, copy)
+                hold_back_us += table.hold_back_us(number, copy)
+            if hold_back_us:
+                self.counters[LinkCounter.HELD_BACK] += 1
             self._last_us = max(sent_us + late_us, self._last_us)
             self._order += 1
             heapq.heappush(self._in_flight, (self._last_us + hold_back_us, self._order, item))

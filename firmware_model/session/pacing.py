@@ -239,14 +239,30 @@ class FlightClock:
             setpoint = autopilot.setpoint(command, self._navigation_state())
             self.left_offboard = True
         self._record(self.loop.advance(setpoint, autopilot.mode.value))
-        self._time_us += self._sample_us
-        self.answered, self._attempts = self._is_self_answered, 0
-        self.advanced_us = now_us
-        self._resend_at_us = now_us + RESEND_US
+        self._begin_next(now_us)
         if not self.interactive and (self.loop.finished or not autopilot.armed):
             self.running = False
             self.ended_us = now_us
             autopilot.end()
+
+    def continue_after(self, records: NDArray[np.float64], command: Command, now_us: int) -> None:
+        """Go on after samples that machine code has flown, each on the answer to it, the last one on `command`."""
+        self.loop.continue_after(len(records))
+        for record in records:
+            self._record(record)
+        if len(records) > 1:
+            self._time_us += (len(records) - 1) * self._sample_us
+            self._accepted_us = self._time_us - self._sample_us
+        self.tick(now_us)
+        self.accept(command)
+        self._begin_next(now_us)
+
+    def _begin_next(self, now_us: int) -> None:
+        """Begin the sample after the current one."""
+        self._time_us += self._sample_us
+        self.answered, self._attempts = self._is_self_answered, 0
+        self.advanced_us = now_us
+        self._resend_at_us = now_us + RESEND_US
 
     def is_awaiting_peer(self) -> bool:
         """Return whether lockstep waits for the commanding peer to answer the current sample."""

@@ -185,5 +185,6 @@ class ScriptedLink:
         """Return whether a controller receives at a model time [us]; count a sample that it misses."""
         in_outage = any(start_us <= time_us < stop_us for start_us, stop_us in self._outages)
         is_received = not (self._controller_lost or in_outage)
-        self._to_controller.counters[LinkCounter.UNHEARD] += not is_received
+        if not is_received:
+            self._to_controller.counters[LinkCounter.UNHEARD] += 1
         return is_received

@@ -29,9 +29,12 @@ from firmware_model.mavlink.peers import Client, Peer, PeerTable
 from firmware_model.mavlink.services import make_services
 from firmware_model.mavlink.services.refusals import refuse_unread
 from firmware_model.mavlink.signing import Signing
+from firmware_model.mavlink.wire import MOST_TURNS, LockstepLine, make_line
+from firmware_model.session.exchange import SampleTurns, fly_samples, read_command
 from firmware_model.session.outcome import VehicleOutcome
 from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
 from firmware_model.session.scripted_link import ScriptedLink
+from firmware_model.sim.inner_loop import RATES, TORQUE
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import NEVER_US, Command, ImuSample, TorqueCommand
 
@@ -119,11 +122,10 @@ class VehicleEndpoint:
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
         self._announced_state: tuple[Mode, bool, bool] | None = None
-        self._setpoint_reader = messages.SetpointReader(system)
-        self._has_fast_path = lockstep and not linked and signing is None
-        self._fast_path_end_us = 0
-        self._stepped = False
-        self._last_us, self._sample_us = (scenario.samples - 1) * scenario.sample_us, scenario.sample_us
+        self._exchanges = lockstep and not linked and signing is None
+        self._line: tuple[tuple[Address, bool], LockstepLine] | None = None
+        self._last, self._sample_us = scenario.samples - 1, scenario.sample_us
+        self._records = np.empty((MOST_TURNS, self.loop.record().size))
 
     def interrupt(self) -> None:
         """End the flight here: Ctrl-C or a termination signal."""
@@ -133,8 +135,6 @@ class VehicleEndpoint:
     def receive(self, datagram: bytes, address: Address, now_us: int) -> None:
         """Handle a datagram; never raise, count an unusable one by its reason."""
         self._now_us = now_us
-        if self._step_lockstep(datagram, address, now_us):
-            return
         self.flight.tick(now_us)
         if self._signing is not None:
             self._signing.tick(now_us)
@@ -151,9 +151,6 @@ class VehicleEndpoint:
     def poll(self, now_us: int) -> list[tuple[bytes, Address]]:
         """Do what is due and return the datagrams to send."""
         self._now_us = now_us
-        stepped, self._stepped = self._stepped, False
-        if stepped and now_us < self._heartbeat_at_us:
-            return self._take_outbox()
         if self._signing is not None:
             self._signing.tick(now_us)
         if self.flight.is_ready():
@@ -164,8 +161,8 @@ class VehicleEndpoint:
         self._send_streams(self.flight.clock_us(now_us))
         if now_us >= self._heartbeat_at_us or self._state != self._announced_state:
             self._send_heartbeat(now_us)
-        self._fast_path_end_us = self._find_fast_path_end()
-        return self._take_outbox()
+        outbox, self._outbox = self._outbox, []
+        return outbox
 
     def deadline_us(self) -> int:
         """Return the wall time at which `poll` is needed at the latest."""
@@ -227,45 +224,56 @@ class VehicleEndpoint:
     def _state(self) -> tuple[Mode, bool, bool]:
         return self.autopilot.mode, self.autopilot.armed, self.autopilot.airborne
 
-    def _take_outbox(self) -> list[tuple[bytes, Address]]:
-        outbox, self._outbox = self._outbox, []
-        return outbox
+    # Lockstep in machine code.
 
-    # Lockstep's fast path: one valid set-point in, one sample out.
+    def exchange(self, socket: int, clock: Callable[[], int]) -> LockstepLine | None:
+        """Fly samples on the set-points that come on the only socket, for as long as nothing else comes or is due.
 
-    def _find_fast_path_end(self) -> int:
-        """Return the model time [us] before which nothing but set-points and samples is due; 0 if anything is due."""
-        flight, commander = self.flight, self._commander
-        if commander is None or not self._has_fast_path or not commander.is_samples_only:
+        Return the line, with the datagram that ended it if one did; `None` if something else is due first.
+        """
+        if (begun := self.begin_exchange()) is None:
+            return None
+        fly_samples(socket, begun)
+        self.end_exchange(begun, clock())
+        return begun.line
+
+    def begin_exchange(self) -> SampleTurns | None:
+        """Return what `fly_samples` needs; `None` if anything but set-points and samples is due. Then end it."""
+        commander, loop = self._commander, self.loop
+        if commander is None or (turns := self._count_turns(commander)) <= 0:
+            return None
+        torque = isinstance(self.flight.setpoint, TorqueCommand)
+        if self._line is None or self._line[0] != (commander.address, torque):
+            taken = (messages.torque_template if torque else messages.rate_template)(self.system).buffer()
+            line = make_line(taken, messages.imu_template(self.system).buffer(), commander.address[1])
+            self._line = (commander.address, torque), line
+        line, channel = self._line[1], commander.channel
+        line.begin(channel.next_from((self.system, messages.CONTROLLER)), channel.packer.seq)
+        kind, mode = TORQUE if torque else RATES, self.autopilot.mode.value
+        return SampleTurns(
+            min(turns, MOST_TURNS), kind, mode, loop.sample, self._sample_us, loop.arrays(), line, self._records
+        )
+
+    def end_exchange(self, begun: SampleTurns, now_us: int) -> None:
+        """Go on after the samples that were flown."""
+        commander, flown = self._commander, begun.line.turns
+        if flown and commander is not None:
+            self._now_us = commander.last_seen_us = now_us
+            commander.channel.count_next((self.system, messages.CONTROLLER), flown)
+            commander.channel.count_sent(flown)
+            command = read_command(begun.loop, begun.sample + flown - 1)
+            self.flight.continue_after(self._records[:flown], command, now_us)
+
+    def _count_turns(self, commander: Peer) -> int:
+        """Return for how many samples nothing but set-points and samples is due."""
+        flight = self.flight
+        if not (self._exchanges and flight.is_awaiting_peer() and commander.is_samples_only):
             return 0
-        if not flight.is_awaiting_peer() or flight.answered or flight.paused:
+        if flight.answered or flight.paused or commander.channel.is_version_1:
             return 0
         streams_us = min((peer.next_us for peer in self._peers if peer is not commander), default=NEVER_US)
-        ahead_us = streams_us - flight.clock_us(0) - self._sample_us
-        return min(flight.time_us + ahead_us, self._last_us)
-
-    def _step_lockstep(self, datagram: bytes, address: Address, now_us: int) -> bool:
-        """Fly the current sample on the set-point that answers it, send the next sample, and return True.
-
-        Return False for any other datagram, before the flight changes. `receive` and `poll` then handle it; for a
-        valid set-point they would give the same bytes and records, but slower.
-        """
-        flight, commander = self.flight, self._commander
-        end_us, self._fast_path_end_us, self._stepped = self._fast_path_end_us, 0, False
-        if flight.time_us >= end_us or commander is None or address != commander.address:
-            return False
-        torque = isinstance(flight.setpoint, TorqueCommand)
-        command = self._setpoint_reader.read(datagram, commander.channel, flight.time_us, torque=torque)
-        if command is None:
-            return False
-        commander.channel.count_read(self._setpoint_reader.source)
-        commander.last_seen_us = now_us
-        flight.tick(now_us)
-        flight.offer(command)
-        flight.advance(now_us)
-        self._send_sample(self.loop.observe(), commander)
-        self._fast_path_end_us, self._stepped = end_us, True
-        return True
+        ahead = (streams_us - flight.clock_us(0) - 1) // self._sample_us
+        return min(ahead, self._last - self.loop.sample)
 
     # Messages.
 

@@ -2,9 +2,9 @@
 
 import math
 import signal
-from collections import deque
 from collections.abc import Sequence
 from multiprocessing import get_context
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,29 @@ def _advance_unobserved(loop: "VehicleLoop") -> None:
     loop.advance(LevelFlight(), Mode.STABILIZED.value)
 
 
+class LoopArrays(NamedTuple):
+    """Arrays of a vehicle at a sample, see `firmware_model.sim.state.SimState`."""
+
+    params: Array
+    """(n,) constants, units there."""
+    state: Array
+    """(n,) state, units there; stepped by the kernels."""
+    waves: Array
+    """(n, WAVE) gusts and direct moments by formula, units there."""
+    replay: Array
+    """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m]."""
+    changes: Array
+    """(n, 3) changes by events, units there."""
+    mix: Array
+    """(n, 3) seeds of gusts and sensors, and their factors [-]."""
+    setpoints: Array
+    """(delay + 1, SETPOINT_WIDTH) latest set-points, see `firmware_model.sim.inner_loop`, units there."""
+    stamps_us: Array
+    """(delay + 1,) [us] their stamps, or NaN; that of sample k stands at k modulo delay + 1."""
+    record: Array
+    """(numbers,) the sample's record, see `firmware_model.recording.journal`, units there."""
+
+
 class VehicleLoop:
     """A vehicle that flies a scenario sample by sample: `observe`, then `advance`, until `finished`.
 
@@ -88,7 +111,8 @@ class VehicleLoop:
         self._fields = self._record.view(record)[0]
         self._imu: ImuSample | None = None
         self._measured = False
-        self._pending: deque[tuple[Array, int | None]] = deque([(_TRIM, None)] * scenario.delay_samples)
+        self._rows = np.tile(_TRIM, (scenario.delay_samples + 1, 1))
+        self._stamps_us = np.full(scenario.delay_samples + 1, math.nan)
         self.sample = 0
         self.time_us = 0
 
@@ -117,21 +141,35 @@ class VehicleLoop:
         self._measure()
         row = self._pack_rotors(setpoint) if isinstance(setpoint, RotorCommand) else pack_setpoint(setpoint)
         stamp_us = setpoint.time_us if isinstance(setpoint, (RotorCommand, TorqueCommand, AttitudeTarget)) else None
+        rows, stamps, late = self._rows, self._stamps_us, len(self._rows)
         if stamp_us is not None or isinstance(setpoint, Trim):
-            self._pending.append((row, stamp_us))
-            row, stamp_us = self._pending.popleft()
+            rows[self.sample % late], stamps[self.sample % late] = row, math.nan if stamp_us is None else stamp_us
             self._clamped = isinstance(setpoint, RotorCommand) and setpoint.clamped
         else:
-            self._pending = deque([(row, None)] * len(self._pending))
+            rows[:], stamps[:] = row, math.nan
             self._clamped = row is _OFF
-        x = self._state
-        step.advance(x.params, x.state, x.mix, self.sample, self._sample_us, row, self._record)
-        self._record[_AGE] = math.nan if stamp_us is None else (self.time_us - stamp_us) // self._sample_us
+        x, acting = self._state, (self.sample + 1) % late
+        step.advance(x.params, x.state, x.mix, self.sample, self._sample_us, rows[acting], self._record)
+        self._record[_AGE] = (self.time_us - stamps[acting]) // self._sample_us
         self._record[_MODE] = mode
         self.sample += 1
         self.time_us += self._sample_us
         self._imu, self._measured = None, False
         return self._record
+
+    def arrays(self) -> LoopArrays:
+        """Return the arrays of a measured sample, for kernels that fly on from it; `continue_after` follows."""
+        self._measure()
+        x = self._state
+        return LoopArrays(
+            x.params, x.state, x.waves, x.replay, x.changes, x.mix, self._rows, self._stamps_us, self._record
+        )
+
+    def continue_after(self, samples: int) -> None:
+        """Go on after a number of samples that kernels have flown on commands of a controller."""
+        self.sample += samples
+        self.time_us += samples * self._sample_us
+        self._imu, self._measured, self._clamped = None, True, False
 
     @property
     def q_NB(self) -> Quaternion:

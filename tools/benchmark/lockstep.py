@@ -35,7 +35,7 @@ def measure(bench: Bench) -> None:
     bench.ratio(
         "lockstep_realtime", factors, "300 where the bare exchange does 250000/s", "simulated s/s, with journal"
     )
-    bench.ratio("lockstep_vs_pingpong", ratios, ">= .30")
+    bench.ratio("lockstep_vs_pingpong", ratios, ">= .80")
 
 
 def _bare_rate(exchanges: int) -> float:

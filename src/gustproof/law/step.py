@@ -310,7 +310,7 @@ def step(law: Law, x: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
 
 def is_cold() -> bool:
     """Return whether the first step of a law still has to be compiled, once after an installation."""
-    found = find_cache(_step_packed)
+    found = find_cache(step_packed)
     return found is not None and not found.warm
 
 
@@ -333,11 +333,13 @@ class LawStepper:
         n, summed = law.order, sparse_law(law)
         rows = summed.schedule
         # a schedule of k parameters has k (k + 3) numbers, an even count
-        self._ends, self._terms = summed.ends, np.vstack([summed.terms, rows.reshape(-1, 2)])
-        self._kind = summed.is_scheduled + 2 * summed.is_gravity_aided + 4 * len(rows)
+        terms = np.vstack([summed.terms, rows.reshape(-1, 2)])
+        kind = summed.is_scheduled + 2 * summed.is_gravity_aided + 4 * len(rows)
         limits = summed.limits, summed.rate_limits, summed.attitude_limits
         self._memory = np.concatenate([np.zeros(vector_size(summed, n) + n + 3), *limits, scale, [law.dt]])
         self._order, self._estimates = n, law.is_scheduled
+        self.packed = PackedLaw(summed.ends, terms, kind, self._memory, n)
+        """Its arrays, for kernels that step it too."""
 
     def restart(self, attitude: Vector | None = None) -> None:
         """Return to the initial state; the reference stays.
@@ -364,13 +366,30 @@ class LawStepper:
 
     def step(self, gyro_B: Vector, force_B: Vector) -> Vector:
         """Step with rates [rad/s] and specific force [m/s^2]; return the command as float32 fractions of `scale`."""
-        fractions: Vector = _step_packed(self._ends, self._terms, self._kind, self._memory, *gyro_B, *force_B)
+        ends, terms, kind, memory, _ = self.packed
+        fractions: Vector = step_packed(ends, terms, kind, memory, *gyro_B, *force_B)
         return fractions
 
 
+class PackedLaw(NamedTuple):
+    """A law in flight in few arrays."""
+
+    ends: NDArray[np.int64]
+    """(k,) ends of the terms of each sum, see `SparseLaw`."""
+    terms: Matrix
+    """(m, 2) those of `SparseLaw`, units there, then its schedule."""
+    kind: int
+    """Sum of 1 with Euler rates, 2 with roll and pitch by gravity, and 4 for each parameter of a schedule."""
+    memory: Matrix
+    """(n,) the vector of a step, work space, command, limits, scale and sample time, each with its own unit."""
+    order: int
+    """Count of states, which come first in the memory; the reference is in it from `order + 3` on."""
+
+
 @compiled
-def _step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
-         force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
+def step_packed(ends: NDArray[np.int64], terms: Matrix, kind: int, memory: Matrix, p: float, q: float, r: float,
+                force_x: float, force_y: float, force_z: float) -> Vector:  # fmt: skip
+    """Step a `PackedLaw` with rates [rad/s] and specific force [m/s^2]; see `LawStepper.step`."""
     k = kind // 4
     n = (memory.size - EXTRA_SIZE - k * (k + 1) - 16) // 2
     end = n + EXTRA_SIZE + k * (k + 1)

@@ -29,6 +29,7 @@ from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.endpoint import DEFAULT_LAW, connection
 from gustproof.flight.endpoint.core import Flown
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint, ControllerOutcome
+from gustproof.flight.endpoint.exchange import load_exchange
 from gustproof.law.form import Law, Output, load_law
 from gustproof.law.step import LawStepper, is_cold
 
@@ -140,7 +141,10 @@ def _fly(law: Flown, options: ControllerOptions) -> int:
     if is_cold():
         report("compiling, once after an installation")
     if isinstance(law, Law):  # load or compile the machine code before the flight
-        LawStepper(law, (1.0, 1.0, 1.0)).step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        stepper = LawStepper(law, (1.0, 1.0, 1.0))
+        stepper.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        if not options.real_time:
+            load_exchange(stepper.packed)
     realtime.freeze_gc(off=True)
     script = _read_scenario(options)
     references = () if script is None else script.references

@@ -70,7 +70,7 @@ def serve(endpoint: ControllerEndpoint, target: Target, bind_port: int | None, r
         peer = target.address if target.kind == "udp" else _await_autopilot(endpoint, bound)
         if peer is not None:
             udp.connect(bound, peer)
-            udp.serve_lockstep(endpoint, bound)
+            udp.serve_lockstep(endpoint, bound, endpoint.exchange)
 
 
 def _bind(target: Target, bind_port: int | None, report: Callable[[str], None]) -> socket.socket:

@@ -1,15 +1,16 @@
 """Samples in, commands out: a law steps once a sample; a repeated sample gets the same command again."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 
 from firmware_model.mavlink.frames import RejectReason
+from firmware_model.mavlink.wire import MOST_TURNS, LockstepLine
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand, Vector
 from gustproof.flight.controllers.stepper import CheckedStepper
 from gustproof.flight.endpoint.attitude import SlowAttitude
+from gustproof.flight.endpoint.exchange import LawTurns
 from gustproof.law.form import Law, Output
 from gustproof.law.step import LawStepper
 
@@ -94,7 +95,10 @@ class ControllerCore:
         self.missed = 0
         self._sample_us = round(sample_time(law) * 1e6)
         self.fractions: Vector = (0.0, 0.0, 0.0)
-        self._references = deque(references)
+        self._due_us = np.array([time_us for time_us, _ in references], dtype=np.int64)
+        self._references = np.array([attitude for _, attitude in references]).reshape(-1, 3)
+        self._begun = np.zeros(1, dtype=np.int64)
+        self._clock = np.zeros(2, dtype=np.int64)
         self._began_us = self._step_at_us = 0
         self._before: tuple[float, ...] = (0.0,) * 6
         self._attitude: SlowAttitude | None = None
@@ -139,8 +143,7 @@ class ControllerCore:
 
     def step(self, time_us: int, gyro_B: Vector, force_B: Vector) -> None:
         """Step the law with a newer sample; its command is `fractions` of `scale`."""
-        while self._references and self._references[0][0] <= time_us - self._began_us:
-            self._law.set_reference(self._references.popleft()[1])
+        self._set_reference(time_us)
         before_us, self.last_sample_us = self.last_sample_us, time_us
         if time_us - before_us != self._sample_us and before_us >= 0:
             self.missed += max(round((time_us - before_us) / self._sample_us) - 1, 0)
@@ -150,6 +153,32 @@ class ControllerCore:
             self._interpolate(before_us, time_us, (*gyro_B, *force_B))
         else:
             self.fractions = self._law.step(gyro_B, force_B)
+
+    @property
+    def exchanges(self) -> bool:
+        """True if its next steps can be made in machine code: those of a law, at the instants of the samples."""
+        return isinstance(self._law, LawStepper) and not self.interpolating and self._attitude is None
+
+    def begin_turns(self, line: LockstepLine) -> LawTurns:
+        """Return what `answer_samples` needs, if it `exchanges`."""
+        assert isinstance(self._law, LawStepper)
+        line.given.values[3] = math.nan if self.torque else self.thrust
+        own = self._law.packed, self._due_us, self._references, self._begun
+        return LawTurns(MOST_TURNS, self.torque, self.last_sample_us, self._sample_us, *own, line, self._clock)
+
+    def end_turns(self, begun: LawTurns) -> None:
+        """Go on after samples that were answered."""
+        self.last_sample_us += begun.line.turns * self._sample_us
+        x, y, z = begun.line.given.values[:3].tolist()
+        self.fractions = x, y, z
+
+    def _set_reference(self, time_us: int) -> None:
+        """Let the law hold the newest attitude that is due."""
+        due, since_us = self._begun[0], time_us - self._began_us
+        while due < len(self._due_us) and self._due_us[due] <= since_us:
+            x, y, z = self._references[due].tolist()
+            self._law.set_reference((x, y, z))
+            self._begun[0] = due = due + 1
 
     def _interpolate(self, before_us: int, time_us: int, now: tuple[float, ...]) -> None:
         """Step the law at its own instants up to half a step after this sample."""

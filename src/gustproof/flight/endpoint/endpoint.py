@@ -39,9 +39,11 @@ from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Messag
 from firmware_model.mavlink.messages import AUTOPILOT, CONTROLLER, command_long_message
 from firmware_model.mavlink.services.geodesy import earth_rate
 from firmware_model.mavlink.signing import Signing
+from firmware_model.mavlink.wire import LockstepLine, make_line
 from firmware_model.types import ImuSample, Vector
 from gustproof.flight.controllers.stepper import StepError, StepFault
 from gustproof.flight.endpoint.core import ControllerCore, Flown, References, sample_time
+from gustproof.flight.endpoint.exchange import LawTurns, answer_samples
 from gustproof.flight.endpoint.families import (
     FAMILIES,
     THRUST_OPTION,
@@ -152,7 +154,8 @@ class ControllerEndpoint:
         self._outbox: list[tuple[bytes, Address]] = []
         self._answers: deque[tuple[int, Vector]] = deque(maxlen=_ANSWERED)
         self._controller: ControllerCore | None = None
-        self._fast_path_ready = False
+        self._line: LockstepLine | None = None
+        self._exchanges = False
         self._piloted = self._time_runs = self._law_reset = self._missing_streams = False
         self._armed, self._mode = False, 0
         self._family: AutopilotFamily = FAMILIES[wire.MAV_AUTOPILOT_PX4]
@@ -207,9 +210,7 @@ class ControllerEndpoint:
             self._end(ControllerOutcome(failure.fault.value), str(failure))
 
     def _receive(self, datagram: bytes, peer: Address, now_us: int) -> None:
-        if self._fast_path_ready and self._answer_fast(datagram, peer, now_us):
-            return
-        self._fast_path_ready = False
+        self._exchanges = False
         if self._signing is not None:
             self._signing.tick(now_us)
         for item in parse(datagram):
@@ -283,7 +284,8 @@ class ControllerEndpoint:
             self._answers.append((sample.time_us, controller.fractions))
         if self._recorder is not None and self.phase is _FLYING:
             self._record(sample, controller.fractions)
-        self._fast_path_ready = self.phase is _FLYING and self._signing is None and self._recorder is None
+        is_plain = self._signing is None and self._recorder is None
+        self._exchanges = self.phase is _FLYING and is_plain and controller.exchanges
         return None
 
     def _record(self, sample: ImuSample, command: Vector) -> None:
@@ -323,24 +325,33 @@ class ControllerEndpoint:
             needed.add(wire.MAVLINK_MSG_ID_ATTITUDE)
         return [number for number in self._absent if number in needed]
 
-    def _answer_fast(self, datagram: bytes, peer: Address, now_us: int) -> bool:
-        """Fast path for one valid, newer sample; return False, without side effects, for any other datagram."""
-        controller, channel, system = self._controller, self.channel, self._packer.srcSystem
-        if peer != self.vehicle or controller is None:
-            return False
-        fields = channel.read(self._samples, (system, AUTOPILOT), datagram)
-        if fields is None:
-            return False
-        time_us, f_x, f_y, f_z, p, q, r = fields
-        if time_us <= controller.last_sample_us or not math.isfinite(f_x + f_y + f_z + p + q + r):
-            return False
-        channel.count_read((system, AUTOPILOT))
-        self._last_received_us = now_us
-        controller.step(time_us, (p, q, r), (f_x, f_y, f_z))
-        if self._answers:
-            self.late += 1
-        self._answers.append((time_us, controller.fractions))
-        return True
+    def exchange(self, socket: int, clock: Callable[[], int]) -> LockstepLine | None:
+        """Answer the samples that come on a connected socket, for as long as nothing else comes.
+
+        Return the line, with the datagram that ended it if one did; `None` if something else is due first.
+        """
+        if (begun := self.begin_exchange()) is None:
+            return None
+        answer_samples(socket, begun)
+        self.end_exchange(begun, clock())
+        return begun.line
+
+    def begin_exchange(self) -> LawTurns | None:
+        """Return what `answer_samples` needs; `None` if anything but samples is awaited. Then end it."""
+        if not self._exchanges or self._controller is None or self._answers:
+            return None
+        if self._line is None:
+            self._line = make_line(self._samples.buffer(), self._commands.buffer(), self.vehicle[1])
+        self._line.begin(self.channel.next_from((self._packer.srcSystem, AUTOPILOT)), self._packer.seq)
+        return self._controller.begin_turns(self._line)
+
+    def end_exchange(self, begun: LawTurns, now_us: int) -> None:
+        """Go on after the samples that were answered."""
+        if (turns := begun.line.turns) and self._controller is not None:
+            self._last_received_us = now_us
+            self.channel.count_next((self._packer.srcSystem, AUTOPILOT), turns)
+            self.channel.count_sent(turns)
+            self._controller.end_turns(begun)
 
     def _pack_command(self, controller: ControllerCore, time_us: int, fractions: Vector) -> bytes:
         """Return the command for a sample as a datagram."""
@@ -542,7 +553,7 @@ class ControllerEndpoint:
         if self._hold_height and takes_thrust(known):
             self._height = HeightLoop(hover)
         system = self._packer.srcSystem
-        self._samples = messages.imu_template(system)
+        self._line, self._samples = None, messages.imu_template(system)
         self._commands = messages.torque_template(system) if self._controller.torque else messages.rate_template(system)
 
     def _on_acknowledgement(self, message: Message) -> None:

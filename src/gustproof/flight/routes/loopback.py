@@ -9,17 +9,24 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.mavlink.frames import Address
+from firmware_model.mavlink.wire import NO_SOCKET, move_frame
+from firmware_model.numerics.compiled import compiled
 from firmware_model.recording.journal import as_records, record_type
+from firmware_model.session.exchange import SampleTurns, fly_sample
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.types import NEVER_US
 from gustproof.flight.controllers.stepper import StepError
 from gustproof.flight.endpoint.core import Flown
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint
+from gustproof.flight.endpoint.exchange import LawTurns, answer_sample
 from gustproof.flight.recording.flown import FlownRecords
 from gustproof.flight.routes.flight import kill_schedule
 from gustproof.law.form import Law, find_vehicle
 from gustproof.types import Array, Records
 
+Sent = list[tuple[bytes, Address]]
+"""Datagrams, with their addresses."""
 _VEHICLE, _CONTROLLER, _SPARE = (0, ("vehicle", 1)), (0, ("controller", 1)), (0, ("controller", 2))
 
 
@@ -55,6 +62,36 @@ def fly_by_messages(
     return records, failure
 
 
+def _alternate(vehicle: VehicleEndpoint, controller: ControllerEndpoint, sent: Sent, now_us: int) -> Sent:
+    """Let both sides exchange samples and commands in machine code, if they can; return what is then to be carried."""
+    if len(sent) != 1 or controller.finished:
+        return sent
+    [(datagram, peer)] = sent
+    if (samples := vehicle.begin_exchange()) is None or (answers := controller.begin_exchange()) is None:
+        return sent
+    if not answers.line.put(datagram):
+        return sent
+    _exchange(samples, answers)
+    controller.end_exchange(answers, now_us)
+    vehicle.end_exchange(samples, now_us)
+    if answers.line.turns > samples.line.turns:
+        vehicle.receive(answers.line.answer, peer, now_us)
+        return []
+    return [(samples.line.answer, peer)] if samples.line.turns else sent
+
+
+@compiled
+def _exchange(samples: SampleTurns, answers: LawTurns) -> None:
+    down, up = samples.line, answers.line
+    for turn in range(min(samples.turns, answers.turns)):
+        if answer_sample(NO_SOCKET, answers, turn, 0) < 0:
+            return
+        move_frame(up.given, down.taken)
+        if not fly_sample(NO_SOCKET, samples, turn):
+            return
+        move_frame(down.given, up.taken)
+
+
 def _fly(scenario: Scenario, law: Flown, vehicle: Vehicle, seed: int, rows: list[Array]) -> StepError | None:
     """Fly, append each record to `rows`, and return the failure of a user's controller, which ends the flight."""
     autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
@@ -66,6 +103,7 @@ def _fly(scenario: Scenario, law: Flown, vehicle: Vehicle, seed: int, rows: list
         if kill is not None and len(rows) >= kill[1]:
             controller = ControllerEndpoint(law, _VEHICLE, references=scenario.references)
             peer, kill = _SPARE, None
+        sent = _alternate(autopilot, controller, sent, now_us)
         dead = controller.finished or (kill is not None and len(rows) >= kill[0])
         for datagram, to in () if dead else sent:
             if to == peer:

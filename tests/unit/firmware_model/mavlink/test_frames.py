@@ -109,18 +109,9 @@ def test_any_bytes_are_parsed_without_an_exception():
                 item.message()
 
 
-def test_template_reads_the_fields_of_its_own_frames():
-    template, fields = torque_template(3), (4000, 0.25, -0.5, 1.0, 0.75)
+def test_template_makes_frames_of_its_message():
     for sequence in (0, 255):
-        made = template.make(sequence, *fields)
-        assert template.read(made, sequence) == fields
-        assert parse(made)[0].message().controls[:4] == [0.25, -0.5, 1.0, 0.75]
-
-
-def test_template_leaves_every_other_frame_to_the_parser():
-    made = torque_template(3).make(7, 4000, 0.25, -0.5, 1.0, 0.75)
-    assert torque_template(3).read(made, 8) is None
-    assert torque_template(4).read(made, 7) is None
-    for at in range(len(made)):
-        assert torque_template(3).read(damaged(made, at, made[at] ^ 1), 7) is None
-        assert torque_template(3).read(made[:at], 7) is None
+        made = torque_template(3).make(sequence, 4000, 0.25, -0.5, 1.0, 0.75)
+        (frame,) = parse(made)
+        assert frame.sequence == sequence
+        assert frame.message().controls[:4] == [0.25, -0.5, 1.0, 0.75]

@@ -7,7 +7,6 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink import messages
-from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
 from firmware_model.types import AttitudeTarget, Command, ImuSample, TorqueCommand
 
@@ -118,65 +117,6 @@ def rates(*omega_B: float, thrust: float = 0.5, time_us: int = 4000) -> Attitude
 def read_slowly(message) -> Command | RejectReason:
     (frame,) = parse(message.pack(wire.MAVLink(None, 1, messages.CONTROLLER)))
     return messages.parse_command(frame, 1)
-
-
-def read_fast(command: Command, *, time_us: int = 4000, torque: bool | None = None) -> Command | None:
-    """Return what the fast reader makes of a command's datagram, while it waits for the answer to a sample."""
-    datagram = Channel(1, messages.CONTROLLER).make(*template_of(command))
-    torque = isinstance(command, TorqueCommand) if torque is None else torque
-    return messages.SetpointReader(1).read(datagram, Channel(1, messages.AUTOPILOT), time_us, torque=torque)
-
-
-def template_of(command: Command) -> tuple:
-    if isinstance(command, TorqueCommand):
-        throttle = math.nan if command.throttle is None else command.throttle
-        return messages.torque_template(1), command.time_us, *command.torque_B, throttle
-    return messages.rate_template(1), command.time_us // 1000, *command.omega_B, command.thrust
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        torques(0.25, -0.5, 0.0),
-        torques(1.0, 1.0, 1.0),
-        torques(-1.0, -1.0, -1.0),
-        rates(0.5, -0.25, 2.0),
-        rates(0.0, 0.0, 0.0, thrust=0.0),
-        rates(-40.0, 40.0, 0.0, thrust=1.0),
-    ],
-)
-def test_fast_reader_gives_what_the_parser_gives(command):
-    assert read_fast(command) == read_slowly(messages.command_message(command, 1)) == command
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        *(
-            torques(*(value if axis == k else 0.0 for k in range(3)))
-            for axis in range(3)
-            for value in (1.0625, -1.0625)
-        ),
-        torques(math.nan, 0.0, 0.0),
-        torques(0.0, 0.0, 0.0, throttle=0.5),
-        torques(0.0, 0.0, 0.0, time_us=8000),
-        torques(0.0, 0.0, 0.0, time_us=0),
-        *(rates(*(math.nan if axis == k else 0.0 for k in range(3))) for axis in range(3)),
-        rates(math.inf, 0.0, 0.0),
-        rates(0.0, 0.0, 0.0, thrust=1.0625),
-        rates(0.0, 0.0, 0.0, thrust=-0.0625),
-        rates(0.0, 0.0, 0.0, thrust=math.nan),
-        rates(0.0, 0.0, 0.0, time_us=8000),
-        rates(0.0, 0.0, 0.0, time_us=0),
-    ],
-)
-def test_fast_reader_leaves_anything_to_clip_or_refuse_to_the_parser(command):
-    assert read_fast(command) is None
-
-
-def test_fast_reader_leaves_the_other_message_to_the_parser():
-    assert read_fast(torques(0.0, 0.0, 0.0), torque=False) is None
-    assert read_fast(rates(0.0, 0.0, 0.0), torque=True) is None
 
 
 @pytest.mark.parametrize("measured", [0x3F, 0x38, 0x07, 0x1F, 0x00])

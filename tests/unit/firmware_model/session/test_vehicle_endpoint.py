@@ -666,34 +666,7 @@ class Controlled(Vehicle):
                 self.now_us = max(self.endpoint.deadline_us(), self.now_us + 1)
 
 
-@pytest.mark.parametrize("watched", [False, True])
-@pytest.mark.parametrize("rates", [False, True])
-def test_lockstep_sends_and_flies_the_same_on_its_fast_path(rates, watched, monkeypatch):
-    flights, fast = [], []
-    step = VehicleEndpoint._step_lockstep
-    for shut in (False, True):
-        if shut:
-            monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *_: False)
-        else:
-            monkeypatch.setattr(VehicleEndpoint, "_step_lockstep", lambda *call: fast.append(step(*call)) or fast[-1])
-        vehicle = Controlled(scenario="paper-turbulence", rates=rates, duration_s=0.4)
-        if watched:
-            vehicle.say(HEARTBEAT, port=2, component=190)
-            for number in range(len(wire.mavlink_map)):  # all of its streams off, but one
-                if vehicle.endpoint.services.streams.get(number):
-                    every_us = 32_000.0 if number == wire.MAVLINK_MSG_ID_ATTITUDE else -1.0
-                    vehicle.ask(wire.MAV_CMD_SET_MESSAGE_INTERVAL, float(number), every_us, port=2)
-        vehicle.fly()
-        assert vehicle.endpoint.outcome is VehicleOutcome.DONE
-        # Beside a ground station, the controller may get a last sample after the flight on one path alone.
-        told = vehicle.raw[2] if watched else (vehicle.raw, vehicle.endpoint.links)
-        flights.append((vehicle.rates, vehicle.modes, told))
-    assert fast.count(True) > (60 if watched else 90)
-    assert flights[0] == flights[1]
-    assert len(flights[0][0]) == 100
-
-
-def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
+def test_lockstep_leaves_room_for_heartbeats_and_the_streams_of_others():
     vehicle = Controlled(duration_s=4.0)
     vehicle.say(HEARTBEAT, port=2, component=190)
     while not vehicle.endpoint.finished:
@@ -707,7 +680,7 @@ def test_fast_path_leaves_room_for_heartbeats_and_the_streams_of_others():
     assert not vehicle.take("ATTITUDE", 1)
 
 
-def test_heartbeat_is_sent_in_time_on_the_fast_path():
+def test_heartbeat_is_sent_in_time_in_lockstep():
     vehicle = Controlled(duration_s=4.0)
     vehicle.poll()
     assert vehicle.take("HEARTBEAT")  # OFFBOARD, at 0 s
@@ -733,7 +706,7 @@ def test_one_poll_flies_at_most_a_batch_of_samples(monkeypatch):
     assert vehicle.endpoint.finished
 
 
-def test_set_point_with_a_throttle_is_flown_off_the_fast_path():
+def test_set_point_with_a_throttle_is_flown_in_lockstep():
     vehicle = Controlled(duration_s=0.1, throttle=0.5)
     vehicle.fly()
     assert vehicle.endpoint.outcome is VehicleOutcome.DONE

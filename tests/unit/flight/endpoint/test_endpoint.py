@@ -2,16 +2,21 @@
 
 import math
 import random
+import socket
 import struct
+from collections.abc import Iterator
 
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
-from firmware_model.mavlink.messages import heartbeat_message, imu_message
+from firmware_model.mavlink.messages import heartbeat_message, imu_message, imu_template, torque_template
 from firmware_model.mavlink.signing import Signing
+from firmware_model.mavlink.wire import NO_SOCKET, make_line
+from firmware_model.process import udp
 from firmware_model.types import ImuSample
 from gustproof.flight.controllers.stepper import CheckedStepper, StepFault
+from gustproof.flight.endpoint.core import ControllerCore
 from gustproof.flight.endpoint.endpoint import (
     RETRIES,
     RETRY_US,
@@ -20,6 +25,7 @@ from gustproof.flight.endpoint.endpoint import (
     ControllerOutcome,
     Phase,
 )
+from gustproof.flight.endpoint.exchange import answer_sample, answer_samples
 from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
@@ -33,19 +39,23 @@ INTERVAL = wire.MAV_CMD_SET_MESSAGE_INTERVAL
 class Autopilot:
     """What the test says to the controller, and what it hears from it."""
 
-    def __init__(self, law: str = "hinf-d1", *, signed: bool = False) -> None:
-        self.endpoint = ControllerEndpoint(load_law(law), VEHICLE, Signing(KEY, UNIX_US) if signed else None)
+    def __init__(self, law: str = "hinf-d1", *, signed: bool = False, address=VEHICLE) -> None:
+        self.endpoint = ControllerEndpoint(load_law(law), address, Signing(KEY, UNIX_US) if signed else None)
+        self.address = address
         self.packer = wire.MAVLink(None, 3, 1)
         self.packer.signing.secret_key, self.packer.signing.sign_outgoing = KEY, signed
         self.packer.signing.timestamp = (UNIX_US - 1_420_070_400_000_000) // 10
         self.now_us = 0
 
-    def say(self, *messages, peer=VEHICLE) -> None:
+    def pack(self, message) -> bytes:
+        self.packer.signing.timestamp += 1
+        datagram: bytes = message.pack(self.packer)
+        self.packer.seq = (self.packer.seq + 1) & 255
+        return datagram
+
+    def say(self, *messages, peer=None) -> None:
         for message in messages:
-            self.packer.signing.timestamp += 1
-            datagram = message.pack(self.packer)
-            self.packer.seq = (self.packer.seq + 1) & 255
-            self.endpoint.receive(datagram, peer, self.now_us)
+            self.endpoint.receive(self.pack(message), peer or self.address, self.now_us)
 
     def hear(self) -> list:
         return [frame.message() for datagram, _ in self.endpoint.poll(self.now_us) for frame in parse(datagram)]
@@ -492,26 +502,114 @@ def test_any_datagram_is_survived(autopilot):
 
 
 @pytest.mark.parametrize("law", ["flagship", "hinf-rates"])
-def test_answers_are_the_same_on_the_fast_path_off_it_and_signed(law, monkeypatch):
-    told, fast = [], []
-    answer = ControllerEndpoint._answer_fast
-    monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *call: fast.append(answer(*call)) or fast[-1])
-    for signed, shut in ((False, False), (False, True), (True, False)):
-        autopilot = Autopilot(law, signed=signed)
+def test_answers_are_the_same_at_once_one_by_one_and_signed(law):
+    told = []
+    for way in ("at once", "one by one", "signed"):
+        autopilot = Autopilot(law, signed=way == "signed")
         autopilot.reach(Phase.FLYING)
-        autopilot.hear()
-        if shut:
-            monkeypatch.setattr(ControllerEndpoint, "_answer_fast", lambda *_: False)
-        heard = []
-        for step in range(1, 300):
-            autopilot.say(imu(4000 * step, 0.01 * step))
-            frames = [frame for datagram, _ in autopilot.endpoint.poll(0) for frame in parse(datagram)]
-            assert all(frame.is_signed is signed for frame in frames)
-            heard += [(frame.message_id, frame.system, frame.component, frame.payload) for frame in frames]
-        told.append((heard, autopilot.endpoint.channel.stats(), autopilot.endpoint.channel.dropped))
-    assert fast.count(True) > 290
+        autopilot.say(imu(4000))
+        heard = [frame for datagram, _ in autopilot.endpoint.poll(0) for frame in parse(datagram)]
+        begun = autopilot.endpoint.begin_exchange()
+        assert (begun is None) is (way == "signed")
+        for step in range(2, 300):
+            if way == "at once":
+                assert begun is not None
+                begun.line.put(autopilot.pack(imu(4000 * step, 0.01 * step)))
+                answer_samples(NO_SOCKET, begun._replace(turns=1))
+                autopilot.endpoint.end_exchange(begun, 0)
+                heard += parse(begun.line.answer)
+                begun = autopilot.endpoint.begin_exchange()
+            else:
+                autopilot.say(imu(4000 * step, 0.01 * step))
+                heard += [frame for datagram, _ in autopilot.endpoint.poll(0) for frame in parse(datagram)]
+        assert all(frame.is_signed is (way == "signed") for frame in heard)
+        facts = [(frame.message_id, frame.system, frame.component, frame.payload) for frame in heard]
+        told.append((facts, autopilot.endpoint.channel.stats(), autopilot.endpoint.channel.dropped))
     assert told[0] == told[1] == told[2]
-    assert len({payload for *_, payload in told[0][0]}) == 299
+    assert len({payload for *_, payload in told[0][0]}) > 298
+
+
+@pytest.fixture
+def sockets() -> Iterator[tuple[socket.socket, socket.socket]]:
+    """Yield the controller's socket, and that of its vehicle."""
+    with udp.bind(0) as bound, udp.bind(0) as vehicle:
+        udp.connect(bound, vehicle.getsockname())
+        yield bound, vehicle
+
+
+def on_wire(sockets, *messages) -> Autopilot:
+    """Return an autopilot that has said one sample to a law in control, and what follows on the wire."""
+    bound, vehicle = sockets
+    autopilot = Autopilot(address=(0, vehicle.getsockname()))
+    autopilot.reach(Phase.FLYING)
+    autopilot.say(imu(4000))
+    autopilot.hear()
+    for message in messages:
+        vehicle.sendto(autopilot.pack(message), bound.getsockname())
+    return autopilot
+
+
+@pytest.mark.parametrize(
+    ("odd", "missed", "dropped"),
+    [
+        (imu(20_000), 1, None),
+        (imu(12_000), 0, None),
+        (imu(8_000), 0, RejectReason.STALE),
+        (imu(16_000, math.nan), 0, RejectReason.NOT_FINITE),
+        (heartbeat_message(OFFBOARD, True, critical=False), 0, None),
+    ],
+)
+def test_samples_on_a_socket_are_answered_up_to_what_is_not_the_next_one(odd, missed, dropped, sockets):
+    autopilot, (bound, vehicle) = on_wire(sockets, imu(8000), imu(12_000), odd), sockets
+    endpoint = autopilot.endpoint
+    line = endpoint.exchange(bound.fileno(), lambda: 0)
+    assert line is not None
+    assert (line.turns, line.left is None) == (2, False)
+    stamps = [parse(vehicle.recv(2048))[0].message().time_usec for _ in range(2)]
+    assert stamps == [8000, 12_000]
+    received = endpoint.channel.received
+    endpoint.receive(line.left[0], autopilot.address, 0)
+    assert endpoint.channel.received == received + 1
+    assert (endpoint.missed, endpoint.late) == (missed, 0)
+    assert endpoint.channel.dropped == ({dropped: 1} if dropped else {})
+
+
+def test_without_a_datagram_nothing_is_answered_and_nothing_left(sockets):
+    autopilot = on_wire(sockets)
+    line = autopilot.endpoint.exchange(sockets[0].fileno(), lambda: 0)
+    assert (line.turns, line.left) == (0, None)
+
+
+def test_a_sample_after_a_long_wait_is_left_as_others_may_have_queued(sockets):
+    begun = on_wire(sockets, imu(8000)).endpoint.begin_exchange()
+    assert answer_sample(sockets[0].fileno(), begun, 0, 0) < 0
+    assert parse(begun.line.left[0])[0].message().time_usec == 8000
+    assert begun.line.turns == 0
+
+
+def test_references_are_held_from_their_stamps_on_at_once_as_one_by_one():
+    references = [
+        (8000, (0.1, 0.0, 0.0)),
+        (12_000, (0.2, 0.0, 0.1)),
+        (12_000, (0.3, -0.1, 0.0)),
+        (24_000, (0.0, 0.0, 0.0)),
+    ]
+    told = []
+    for at_once in (True, False):
+        core = ControllerCore(load_law("flagship"), (1.0, 1.0, 1.0), 0.5, references)
+        core.step(4000, (0.125, 0.0, 0.0), (0.0, 0.0, -9.75))
+        line = make_line(imu_template(1).buffer(), torque_template(1).buffer(), ("127.0.0.1", 1))
+        for step in range(2, 9):
+            if at_once:
+                begun = core.begin_turns(line)
+                line.begin(0, 0)
+                line.put(imu_template(1).make(0, 4000 * step, 0.0, 0.0, -9.75, 0.125, 0.0, 0.0))
+                answer_samples(NO_SOCKET, begun._replace(turns=1))
+                core.end_turns(begun)
+            else:
+                core.step(4000 * step, (0.125, 0.0, 0.0), (0.0, 0.0, -9.75))
+            told.append((core.fractions, core.last_sample_us))
+    assert told[:7] == told[7:]
 
 
 @pytest.mark.parametrize("roll_rate", [float("nan"), float("inf")])

@@ -131,7 +131,7 @@ class Served:
         monkeypatch.setattr(udp, "bind", self.bind)
         monkeypatch.setattr(udp, "connect", lambda *_: None)
 
-    def serve(self, endpoint: ControllerEndpoint, _: socket.socket) -> None:
+    def serve(self, endpoint: ControllerEndpoint, *_: object) -> None:
         self.endpoint = endpoint
         endpoint.outcome, endpoint.message = self.outcome, self.message
         endpoint.channel.dropped.update(self.counted)
