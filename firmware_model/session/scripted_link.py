@@ -74,7 +74,7 @@ class ScriptedLink:
                 return action
             if self._take_delivery(now_us):
                 return NextAction.RESEND
-        self._accept_arrivals(now_us)
+        self._accept_arrivals()
         return action
 
     def take_deliveries(self, time_us: int) -> Iterator[ImuSample]:
@@ -164,10 +164,9 @@ class ScriptedLink:
                 return True
         return False
 
-    def _accept_arrivals(self, now_us: int) -> None:
+    def _accept_arrivals(self) -> None:
         """Accept the set-points that arrive before the current sample ends."""
         flight, has_arrived = self._flight, False
-        flight.tick(now_us)
         for _, (stamp_us, command) in self._to_vehicle.take_all(self._loop.time_us + self._sample_us):
             if flight.lockstep:
                 overtaken = flight.setpoint is not None and stamp_us < self._newest_answer_us

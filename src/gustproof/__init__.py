@@ -22,16 +22,21 @@ Names are loaded when they are first used. They and their modules stand in `__in
 (Scientific Python, SPEC 1).
 """
 
-from functools import cache
-from importlib import import_module
-
 from gustproof.version import __version__ as __version__
 
+_stubs: dict[str, dict[str, tuple[str, str]]] = {}
 
-@cache
+
 def stub_names(package: str) -> dict[str, tuple[str, str]]:
     """Return each name that the stub of a package imports, with its module and its name there."""
+    if package not in _stubs:
+        _stubs[package] = _read_stub(package)
+    return _stubs[package]
+
+
+def _read_stub(package: str) -> dict[str, tuple[str, str]]:
     import ast
+    from importlib import import_module
     from pathlib import Path
 
     stub = ast.parse(Path(str(import_module(package).__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
@@ -51,6 +56,8 @@ def load_name(package: str, name: str) -> object:
         return sorted(sources)
     if name not in sources:
         raise AttributeError(f"module '{package}' has no attribute '{name}'")
+    from importlib import import_module
+
     module, attribute = sources[name]
     return getattr(import_module(module), attribute)
 

@@ -19,7 +19,7 @@ def _leave_current_folder() -> None:
 if __name__ == "__main__":
     _leave_current_folder()  # before any other import
 
-from gustproof.cli import signals, streams  # noqa: E402
+from gustproof.cli import signals  # noqa: E402
 
 _BAD_OUTPUT = 2
 
@@ -30,6 +30,8 @@ def main() -> None:
     SIGTERM and SIGHUP act as Ctrl-C: no process stays behind, and no file is left half written.
     """
     signals.end_at_once()
+    from gustproof.cli import streams
+
     streams.prepare()
     # Matrices here are small: BLAS threads would wait for each other longer than they compute.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

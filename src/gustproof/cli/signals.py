@@ -1,9 +1,14 @@
 """Signals of the command line: Ctrl-C, SIGTERM, and SIGHUP of a terminal that closes end a command in order."""
 
+# Until a handler stands Ctrl-C shows Python's own lines. So nothing is imported that Python has not loaded by then:
+# `signal` wraps `_signal` in enumerations, `typing` and `types` are slow too.
+import _signal as signal  # type: ignore[import-not-found]
 import os
-import signal
 import sys
-from types import FrameType
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 _INTERRUPTED = 130  # `ExitStatus.INTERRUPTED`, which takes longer to import than a signal may take to come
@@ -27,7 +32,7 @@ def _handle(handler: object) -> None:
     for name in _NAMES:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and shells set it
-            signal.signal(number, handler)  # type: ignore[arg-type]
+            signal.signal(number, handler)
 
 
 def _end(*_: object) -> None:
@@ -35,7 +40,7 @@ def _end(*_: object) -> None:
     os._exit(_INTERRUPTED)
 
 
-def _interrupt(_: int, frame: FrameType | None) -> None:
+def _interrupt(_: int, frame: "FrameType | None") -> None:
     """Raise `KeyboardInterrupt`, but later if machine code is being made."""
     if hasattr(signal, "setitimer") and _is_called_back(frame):
         signal.setitimer(signal.ITIMER_REAL, _POSTPONED_S)
@@ -43,7 +48,7 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _is_called_back(frame: FrameType | None) -> bool:
+def _is_called_back(frame: "FrameType | None") -> bool:
     if _CALLBACKS not in sys.modules:
         return False
     while frame is not None:

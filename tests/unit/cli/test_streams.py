@@ -105,6 +105,13 @@ def test_a_signal_in_a_callback_of_the_compiler_waits_until_it_has_returned(monk
             signal.signal(number, handler)
 
 
+def test_nothing_slow_is_loaded_until_ctrl_c_has_its_handler():
+    loads = "import sys; before = {*sys.modules}; import gustproof.__main__; print(*{*sys.modules} - before)"
+    done = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True, timeout=60)
+    ours = {"gustproof", "gustproof.version", "gustproof.cli", "gustproof.cli.signals", "gustproof.__main__"}
+    assert ours <= set(done.stdout.split()) <= ours | {"_signal", "atexit", "gc"}
+
+
 @pytest.mark.parametrize("files", [7, 9])
 def test_too_few_open_files_are_named(files, tmp_path):
     done = run(f"ulimit -n {files}; cd {tmp_path} && gustproof fly calm")

@@ -136,3 +136,14 @@ def test_sticks_count_for_ten_seconds():
     Client(peer, [], 1_000, 1).note_sticks()
     assert Client(peer, [], 1_000 + STICKS_US - 1, 1).moves_sticks
     assert not Client(peer, [], 1_000 + STICKS_US, 1).moves_sticks
+
+
+def test_a_peer_of_mavlink_1_is_told_once_that_messages_are_not_sent():
+    (peer,), outbox = table(ADDRESS), []
+    (frame,) = parse(HEARTBEAT.pack(wire.MAVLink(None, 1, GROUND_STATION), force_mavlink1=True))
+    peer.channel.count(frame)
+    for _ in range(2):
+        peer.post(wire.MAVLink_hil_state_quaternion_message(0, [1.0, 0, 0, 0], *[0.0] * 3, *[0] * 11), outbox)
+        peer.post(wire.MAVLink_open_drone_id_arm_status_message(0, b""), outbox)
+    kinds = [parse(datagram)[0].message().get_type() for datagram, _ in outbox]
+    assert kinds == ["HIL_STATE_QUATERNION", "STATUSTEXT", "HIL_STATE_QUATERNION"]
