@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
@@ -97,6 +98,20 @@ def test_a_wrong_limit_of_the_rate_is_refused(make_law: Maker, key: str, value: 
     document["rate_limit"][key] = value
     with pytest.raises(LawFileError, match=message):
         parse_law(document, "file")
+
+
+@pytest.mark.parametrize(("states", "is_refused"), [(2, True), (3, False)])
+def test_a_limit_of_the_rate_needs_the_attitude_in_the_state(make_law: Maker, states: int, is_refused: bool) -> None:
+    law = make_law(limited=True)
+    assert law.rate_limit is not None
+    limit = replace(law.rate_limit, S=np.eye(3, states), V=np.zeros((states, 3)))
+    parts = {"A": law.A[:states, :states], "B": law.B[:states], "C": law.C[:, :states], "H": law.H[:states]}
+    refused = ""
+    try:
+        replace(law, **parts, G=np.zeros((states, 3)), rate_limit=limit)
+    except ValueError as error:
+        refused = str(error)
+    assert bool(refused) is is_refused
 
 
 @pytest.mark.parametrize(

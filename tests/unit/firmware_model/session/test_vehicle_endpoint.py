@@ -102,6 +102,16 @@ def vehicle() -> Vehicle:
     return Vehicle(lockstep=False)
 
 
+@pytest.mark.parametrize(("late_us", "result"), [(499_999, wire.MAV_RESULT_ACCEPTED), (500_000, 1)])
+def test_age_of_a_set_point_is_counted_between_polls_too(vehicle, late_us, result):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait()
+    vehicle.now_us += 300_000
+    vehicle.setpoint()
+    vehicle.now_us += late_us
+    assert vehicle.ask(MODE, 1.0, 6.0) == [result]
+
+
 @pytest.mark.slow
 def test_heartbeat_comes_at_once_to_who_speaks_first_then_every_second_and_on_a_change(vehicle):
     vehicle.wait(400_000)

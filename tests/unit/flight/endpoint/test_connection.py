@@ -1,8 +1,12 @@
 import io
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.errors import ConfigError
+from firmware_model.mavlink.messages import heartbeat_message
 from gustproof.flight.endpoint import connection
 from gustproof.flight.endpoint.connection import Target, parse_target
 
@@ -62,3 +66,23 @@ def test_a_port_of_px4_that_is_taken_is_told_and_another_used(monkeypatch: pytes
     connection._bind(Target("udp", (HOME, 14580), True), None, lines.append)
     assert ports == [14540, 0]
     assert lines == ["taken; a free port is used, which PX4 accepts only as its first peer since its start"]
+
+
+def test_who_speaks_first_as_an_autopilot_is_met_and_the_wait_goes_by_the_endpoint_s_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    beat = heartbeat_message(0, False, critical=False)
+    heard = [
+        (b"noise", (HOME, 1)),
+        (beat.pack(wire.MAVLink(None, 1, 190)), (HOME, 2)),
+        (beat.pack(wire.MAVLink(None, 1, 1)), (AWAY, 3)),
+    ]
+    monkeypatch.setattr(connection.time, "monotonic_ns", lambda: 7_000_000_999)
+    monkeypatch.setattr(connection.time, "monotonic", lambda: 7.0)
+    polled, waits = list[int](), list[float]()
+    endpoint: Any = SimpleNamespace(poll=polled.append, finished=False, deadline_us=lambda: 7_250_000, vehicle=None)
+    bound: Any = SimpleNamespace(settimeout=waits.append, recvfrom=lambda _: heard.pop(0))
+    assert connection._await_autopilot(endpoint, bound) == (AWAY, 3)
+    assert (endpoint.vehicle, polled, waits) == ((0, (AWAY, 3)), [7_000_000] * 3, [0.25] * 3)
+    endpoint.finished = True
+    assert connection._await_autopilot(endpoint, bound) is None

@@ -176,6 +176,13 @@ def test_assemble_without_a_motor_in_use_has_no_motors() -> None:
     assert "motors: none in this log" in log.findings
 
 
+def test_one_sample_is_no_signal() -> None:
+    log = assemble(draft(TIME, command=rows(TIME[:1], np.ones((1, 3))), motors=rows(TIME[:2], np.ones((2, 4)))))
+    assert (log.command is None, log.motors is None) == (True, False)
+    with pytest.raises(ValueError, match="no two gyro samples that can be used"):
+        assemble(draft(TIME[:1]))
+
+
 def test_assemble_refuses_a_vector_of_two() -> None:
     with pytest.raises(ValueError, match="gyro has 2 components, must have 3"):
         assemble(draft(TIME, gyro=np.zeros((2000, 2))))
