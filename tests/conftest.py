@@ -12,10 +12,13 @@ from pathlib import Path
 import coverage
 import pytest
 import typer.testing
+from hypothesis import settings
 
 from firmware_model.config.whole_file import OVERWRITES
 from firmware_model.process.fork import run_in_copy
 
+settings.register_profile("busy", deadline=None)  # no test may hang on the pace of a machine
+settings.load_profile("busy")
 UNITS = Path(__file__).with_name("unit")
 
 gc.disable()  # up to the first test

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_model.config.files import write_toml
@@ -62,7 +62,6 @@ scenario = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(scenario=scenario)
 def test_a_written_scenario_is_read_back_equal(scenario: Scenario) -> None:
     with TemporaryDirectory() as folder:

@@ -44,7 +44,7 @@ def same(ours: np.ndarray, expected: np.ndarray) -> bool:
     return np.max(np.abs(ours - expected)) <= ROUNDING * max(1.0, np.max(np.abs(expected)))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(systems(full="F"), systems(full="G"))
 def test_sum_product_and_append_are_those_of_the_members(X, Y):
     delta = deltas(X, Y)
@@ -55,14 +55,14 @@ def test_sum_product_and_append_are_those_of_the_members(X, Y):
     assert same(value(append(X, Y), delta), np.block([[x, np.zeros((2, 2))], [np.zeros((2, 2)), y]]))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(systems(), systems(full="F"), systems(full="G"))
 def test_products_distribute_over_sums(X, Y, Z):
     delta = deltas(X, Y, Z)
     assert same(value(X @ (Y + Z), delta), value(X @ Y + X @ Z, delta))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(systems())
 def test_a_system_times_its_inverse_is_the_identity(X):
     delta = deltas(X)
@@ -70,7 +70,7 @@ def test_a_system_times_its_inverse_is_the_identity(X):
     assert same(value(X.inverse().inverse(), delta), value(X, delta))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(systems(4, full="F"), systems(full="G"))
 def test_a_star_product_is_the_closed_loop_formula(P, Q):
     delta = deltas(P, Q)
@@ -84,7 +84,7 @@ def test_a_star_product_is_the_closed_loop_formula(P, Q):
     assert same(value(lft(P, scaled.M), delta), value(lft(P, scaled, 2, 2), delta))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(systems(full="F"), systems())
 def test_reduction_changes_no_member_and_removes_what_cancels(X, Y):
     small = simplify(X + Y - Y)

@@ -37,7 +37,7 @@ def frequencies(G: Lti) -> np.ndarray:
     return np.concatenate([natural, np.geomspace(1e-4, np.pi / 0.01, 400)])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(stable_systems())
 def test_no_frequency_exceeds_the_norm_and_its_frequency_attains_it(G):
     peak = hinf_norm(G)
@@ -47,7 +47,7 @@ def test_no_frequency_exceeds_the_norm_and_its_frequency_attains_it(G):
     assert abs(attained - peak.gain) <= 1e-6 * peak.gain  # the frequency is rounded where the peak is sharp
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(stable_systems(), st.floats(0.01, 100.0))
 def test_norms_scale_with_the_system(G, factor):
     scaled = series(G, gain(factor * np.eye(2), G.dt))
@@ -55,7 +55,7 @@ def test_norms_scale_with_the_system(G, factor):
     assert np.isclose(h2_norm(scaled), factor * h2_norm(G), rtol=ROUNDING)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(stable_systems())
 def test_the_norm_of_a_product_is_at_most_the_product_of_norms(G):
     assert hinf_norm(series(G, G)).gain <= hinf_norm(G).gain ** 2 * (1.0 + ROUNDING)

@@ -50,7 +50,7 @@ def assert_below(found: Any, bounds: list[Fraction], slack: float = ROUNDING) ->
 
 
 @given(E=three(SMALL), omega=three(SMALL), change=three(SMALL), at=st.lists(UNIT, min_size=15, max_size=15))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_kinematics_within_a_box_stay_below_their_bounds(E, omega, change, at):
     angles, others, rates, other_rates, slopes = np.array(at).reshape(5, 3) * [E, E, omega, omega, change]
     box, moves, off = exact(E), exact(omega), exact(np.abs(angles - others))
@@ -72,7 +72,7 @@ def test_kinematics_within_a_box_stay_below_their_bounds(E, omega, change, at):
 
 
 @given(start=three(SMALL), budget=three(st.floats(0.0, 0.1)), at=st.lists(UNIT, min_size=21, max_size=21))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_rotations_in_any_order_stay_below_their_bounds(start, budget, at):
     signs = np.array(at).reshape(7, 3)
     attitude, vector = signs[0] * start, signs[1] * start

@@ -55,7 +55,7 @@ def effect(vehicle: Vehicle) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", VEHICLES)
 @given(shares=st.tuples(SHARE, SHARE, SHARE), throttle=st.floats(-0.2, 1.2))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_what_is_given_is_what_the_rotors_make_and_no_rotor_leaves_its_range(name, shares, throttle):
     vehicle = VEHICLES[name]
     most = vehicle.rotors.thrust_max
@@ -70,7 +70,7 @@ def test_what_is_given_is_what_the_rotors_make_and_no_rotor_leaves_its_range(nam
 @pytest.mark.slow
 @pytest.mark.parametrize("name", QUADS)
 @given(rotors=st.tuples(*[st.floats(0.0, 1.0)] * 4))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_what_the_rotors_can_give_with_and_without_yaw_is_given_in_full(name, rotors):
     vehicle = VEHICLES[name]
     asked = effect(vehicle) @ rotors * vehicle.rotors.thrust_max
