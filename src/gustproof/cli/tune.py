@@ -40,13 +40,6 @@ class LawStructure(Enum):
     vars().update({name: str(name) for name in (*LawKind, *BASELINES)})
 
 
-class TunedAutopilot(Enum):
-    """Autopilot whose own loops can be tuned."""
-
-    PX4 = "px4"
-    ARDUPILOT = "ardupilot"
-
-
 def tune(
     context: typer.Context,
     vehicle: Annotated[
@@ -61,14 +54,11 @@ def tune(
     scenario: Annotated[
         str, typer.Option(help="Scenario that gives turbulence, sample rate and delay.")
     ] = "paper-turbulence",
-    autopilot: Annotated[
-        TunedAutopilot | None,
-        typer.Option("--for", help="Tune this autopilot's own loops, and write its parameters.", show_default=False),
-    ] = None,
     flown: Annotated[
         str | None,
-        typer.Option("--from", help="Go in steps from these parameters, of a file or log."),
+        typer.Option("--from", help="Tune an autopilot's loops from a log, file, px4 or ardupilot."),
     ] = None,
+    at_once: Annotated[bool, typer.Option("--at-once", help="Write the last step, not the first.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Write the law (.json) or the parameters (.params) here.")
     ] = None,
@@ -85,7 +75,7 @@ def tune(
 
     Spreads of inertia and lag are kept, 20 % and 30 % without. The flagship also keeps the margins of a PID, where they
     cost at most 15 % over the least error. Steps of --from are at most 1.5 times in any gain and 2 times in slew. It
-    writes the first: fly it, and start from its log for the next.
+    writes the first: fly it, and start from its log for the next. --at-once is for a vehicle in simulation.
 
         gustproof tune my-quad.toml --slew 7 -o my-law.json --figure my-curve.png
 
@@ -94,18 +84,18 @@ def tune(
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
 
-    is_law = autopilot is None and flown is None
+    is_law = flown is None
     check_output(output, *((".json", "a law file") if is_law else (PARAMETER_SUFFIXES, "a parameter file")))
     check_figure(figure, data=data)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
-    if is_law:
+    if flown is None:
+        refuse_given(context, ("at_once",), "without --from there are no steps")
         with figures_as(style, data=data):
             _tune_law(law, vehicles, script, slew, ms, output, figure, as_json=as_json)
     else:
-        refuse_given(context, ("law", "figure"), "--for and --from tune the autopilot's own loops")
-        start = None if flown is None else _read_flown(flown, autopilot, vehicles)
-        kind = start.kind if start is not None else autopilot.value if autopilot else ""
-        _tune_autopilot(kind, start, vehicles, script, slew, ms, output, as_json=as_json)
+        refuse_given(context, ("law", "figure"), "--from tunes the autopilot's own loops")
+        start = _read_flown(flown, vehicles)
+        _tune_autopilot(start, vehicles, script, slew, ms, output, at_once=at_once, as_json=as_json)
     if not as_json:
         _print_next(context, output, vehicle, flown, ".json" if is_law else PARAMETER_SUFFIXES[0])
 
@@ -163,13 +153,13 @@ class _Flown(NamedTuple):
     """Log that they are of; `None` for a file of parameters."""
 
 
-def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "VehicleSet") -> _Flown:
+def _read_flown(source: str, vehicles: "VehicleSet") -> _Flown:
     """Return the loops of a file's parameters; tell on stderr what is taken for granted of them.
 
     Raises
     ------
     ConfigError
-        If they are of no autopilot, or not of the one that is given.
+        If they are of no autopilot.
     """
     from gustproof.logs.read.read_log import read_log
     from gustproof.studies.rate.advice import autopilot_kind
@@ -177,57 +167,50 @@ def _read_flown(source: str, autopilot: TunedAutopilot | None, vehicles: "Vehicl
     log = read_log(Path(source)) if is_log(source) else None
     law, _, remarks = read_gains(source, vehicles.nominal, log=log)
     kind = autopilot_kind(law)
-    if kind is None or (autopilot is not None and kind != autopilot.value):
-        wanted = "PX4 or ArduPilot" if autopilot is None else f"--for {autopilot.value}"
-        raise ConfigError(f"--from {source}: holds no parameters of {wanted}")
+    if kind is None:
+        raise ConfigError(f"--from {source}: holds no parameters of PX4 or ArduPilot")
     tell_remarks(law.name, remarks)
     return _Flown(kind, law, log)
 
 
 def _tune_autopilot(
-    kind: str,
-    start: _Flown | None,
+    start: _Flown,
     vehicles: "VehicleSet",
     script: "Scenario",
     slew: float | None,
     ms: float,
     output: Path | None,
     *,
+    at_once: bool,
     as_json: bool,
 ) -> None:
-    from gustproof.design.autopilot_gains import save_tuning, tune_gains
+    from gustproof.design.autopilot_gains import save_tuning
     from gustproof.design.tune import wanted_slew
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.filter_tuning import tune_flown
     from gustproof.studies.rate.tuning_steps import plan_steps
 
-    limit, steps, filters = wanted_slew(vehicles.nominal, script, slew, ms), [], ""
-    with progress(f"tuning {kind}", quiet=as_json) as shown:
-        if start is None:
-            tuning = tune_gains(kind, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown)
-        else:
-            tuning, filters = tune_flown(
-                start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
-            )
-            steps = plan_steps(tuning, start.law, vehicles, script, start.log)
-    written = steps[1].tuning if steps else tuning
+    limit = wanted_slew(vehicles.nominal, script, slew, ms)
+    with progress(f"tuning {start.kind}", quiet=as_json) as shown:
+        tuning, filters = tune_flown(
+            start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
+        )
+        steps = plan_steps(tuning, start.law, vehicles, script, start.log)
+    at = len(steps) - 1 if at_once else 1
+    written = steps[at].tuning
     if output is not None:
         save_tuning(written, vehicles.nominal, output)
     if as_json:
         errors = {"rmse_deg": math.degrees(written.seen_rmse), "true_rmse_deg": math.degrees(written.rmse)}
         figures = {"Ms": written.Ms, "slew": written.slew, **errors}
         document = {"law": tuning.law.name, **figures, "parameters": {**written.parameters, **written.notches}}
-        print_json({**document, **({"filters": filters, "steps": steps_document(steps)} if steps else {})})
+        print_json({**document, "filters": filters, "steps": steps_document(steps)})
         return
-    if steps:
-        show(render_steps(steps))
-        print(filters)
-    else:
-        for name, value in tuning.parameters.items():
-            print(f"{name} {value:g}")
+    show(render_steps(steps))
+    print(filters)
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
     tell_remarks(written.law.name, written.outside_ranges())
     print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
-        print(f"parameters in {output}" + (f": step 1 of {len(steps) - 1}" if steps else ""))
+        print(f"parameters in {output}: step {at} of {len(steps) - 1}")

@@ -107,8 +107,8 @@ def test_help_loads_nothing_heavy():
         (("tune", "iris", "--ms", "1"), "sensitivity peak 1.0: must be between 1 and 10"),
         (("tune", "iris", "--scenario", "calm"), "'calm' has no turbulence"),
         (("tune", "iris", "-o", "law.params"), "a law file ends in .json"),
-        (("tune", "iris", "--for", "px4", "-o", "my.json"), "my.json: a parameter file ends in .params"),
-        (("tune", "iris", "--for", "px4", "--law", "pid"), "--law cannot be given with it"),
+        (("tune", "iris", "--from", "px4", "-o", "my.json"), "my.json: a parameter file ends in .params"),
+        (("tune", "iris", "--from", "px4", "--law", "pid"), "--law cannot be given with it"),
         (("fly", "paper", "--law", "/nowhere/law.json"), "/nowhere/law.json: No such file"),
         (("design", "hinfsyn", "D99"), "no design named 'D99'"),
         (("design", "hinfsyn", "D1", "--gamma", "0.1"), "gamma"),
@@ -131,14 +131,18 @@ def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
         kind="px4", parameters={"MC_ROLL_P": 5.0}, law=load_law("flagship"), rmse=0.0015, seen_rmse=0.00085, slew=21.29,
         Ms=1.399, corner_Ms=2.1,
     )  # fmt: skip
-    monkeypatch.setattr("gustproof.design.autopilot_gains.tune_gains", lambda *_, **__: tuning)
-    told = "(0.0487 deg by its own attitude, without the walk of the gyro's noise), torque slew 21.3 N m/s, Ms 1.40, "
-    told += "2.10 over the file's spreads"
-    result = run("tune", "paper", "--for", "px4")
-    next_line = "next: gustproof tune paper --for px4 -o paper.params\n"
-    assert result.stdout == f"MC_ROLL_P 5\npredicted in paper-turbulence: error 0.0859 deg {told}\n{next_line}"
-    document = json.loads(run("tune", "paper", "--for", "px4", "--json").stdout)
-    assert 0.5 * document["true_rmse_deg"] < document["rmse_deg"] < 0.05
+    monkeypatch.setattr("gustproof.studies.rate.filter_tuning.tune_gains", lambda *_, **__: tuning)
+    words = ("tune", "paper", "--from", "px4")
+    told = r"predicted in paper-turbulence: error (\S+) deg \((\S+) deg by its own attitude, without the walk of the "
+    told += r"gyro's noise\), torque slew \S+ N m/s, Ms \S+, \S+ over the file's spreads\n"
+    found = re.search(told + r"next: gustproof tune paper --from px4 -o paper.params\n$", run(*words).stdout)
+    assert float(found[1]) > float(found[2]) > 0.0
+    first, last = (json.loads(run(*words, "--json", *more).stdout) for more in ((), ("--at-once",)))
+    assert first["steps"] == last["steps"]
+    for document, at in ((first, 1), (last, -1)):
+        assert document["parameters"] == document["steps"][at]["parameters"]
+        assert 0.0 < document["rmse_deg"] < document["true_rmse_deg"]
+    assert last["parameters"]["MC_ROLL_P"] == 5.0 < first["parameters"]["MC_ROLL_P"] < 6.5
 
 
 def test_without_a_law_it_is_said_that_one_is_tuned(monkeypatch, capsys):

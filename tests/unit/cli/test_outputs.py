@@ -11,7 +11,7 @@ from gustproof.cli.app import app
 
 FILES = """
 tune paper -o there.json
-tune paper --for px4 -o there.params
+tune paper --from px4 -o there.params
 tune paper --figure there.png
 tune paper --figure new.png --data
 analyse flagship -o there.png

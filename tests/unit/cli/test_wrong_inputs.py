@@ -228,7 +228,8 @@ tune iris --slew 0
 tune iris --slew nan
 tune iris --ms 1
 tune iris --ms nan
-tune iris --for px5
+tune iris --from px5
+tune iris --at-once
 tune iris -o x.toml
 judge
 judge nothing

@@ -76,6 +76,7 @@ INSTEAD = (
     ),  # known rotors: no autopilot flew it
     (r"^judge flight\.ulg$", "judge px4"),
     (r"--(from|over) flight\.ulg", r"--\1 px4"),  # no autopilot's parameters are in that log
+    (r"--(from|over) flight\.bin", r"--\1 ardupilot"),
     (r"flight\.(ulg|bin)", "my-log"),  # readers of these logs have tests with judges of their own
     (r"^autopilot(?! params)", "autopilot --instance 209"),  # other tests use the usual ports beside this one
     (r"^replay runs/fly-001", "replay runs/fly-002"),  # the first one fails its requirement
@@ -227,7 +228,7 @@ def run(line: str) -> tuple[Result, list[str]]:
     What an earlier command left in the place of an output is removed.
     """
     if line == FOR_THE_PAPER:
-        run("tune paper --for px4 -o my.params")
+        run("tune paper --from px4 --at-once -o my.params")
     for path in map(Path, outputs(line)):
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         if path.suffix == ".c":

@@ -63,9 +63,9 @@ def test_gains_that_are_unstable_now_are_told_so() -> None:
     ("arguments", "said"),
     [
         (["tune", "iris", "--from", "flagship"], "holds no parameters of PX4 or ArduPilot"),
-        (["tune", "iris", "--from", "px4", "--for", "ardupilot"], "holds no parameters of --for ardupilot"),
+        (["tune", "iris", "--at-once"], "without --from there are no steps; --at-once cannot be given with it"),
         (["tune", "iris", "--from", "no.params"], "no.params"),
-        (["tune", "iris", "--from", "px4", "--law", "pid"], "--for and --from tune the autopilot's own loops"),
+        (["tune", "iris", "--from", "px4", "--law", "pid"], "--from tunes the autopilot's own loops"),
     ],
 )
 def test_a_start_that_is_none_is_refused_in_a_line(arguments: list[str], said: str) -> None:
