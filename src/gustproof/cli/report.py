@@ -130,7 +130,7 @@ def _report_campaign(runs: list[Path], output: Path) -> None:
 
 
 def _report_log(path: Path, output: Path, begin: float | None, end: float | None, *, as_json: bool) -> None:
-    from gustproof.logs.read.flight_log import crop
+    from gustproof.logs.read.flown_part import crop
     from gustproof.logs.read.read_log import read_log
     from gustproof.show.report.html.log_page import write_log_report
     from gustproof.show.report.log_summary import flight_document, render_flight

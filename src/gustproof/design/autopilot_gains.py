@@ -112,7 +112,7 @@ _PX4 = _Structure(
     rate_max=("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"),
     fixed={"MC_YAW_TQ_CUTOFF": 0.0, **{f"MC_{axis}RATE_{each}": value for axis in ("ROLL", "PITCH", "YAW")
                                        for each, value in (("K", 1.0), ("FF", 0.0))}},
-    notches=("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF1_FRQ"),
+    notches=("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF1_FRQ", "IMU_GYRO_DNF_FLOWN"),
 )  # fmt: skip
 _ARDUPILOT = _Structure(
     own=tuple(

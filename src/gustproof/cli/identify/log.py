@@ -68,7 +68,7 @@ def identify(
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.logs.identify.shown_vehicle import show_vehicle
     from gustproof.logs.identify.vehicle_file import Known
-    from gustproof.logs.read.flight_log import crop
+    from gustproof.logs.read.flown_part import crop
     from gustproof.logs.read.read_log import read_log
 
     outputs = {"vehicle": output, "report": report, "wind": wind, "scenario": scenario}

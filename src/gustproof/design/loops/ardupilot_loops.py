@@ -21,7 +21,7 @@ from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
-from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
+from gustproof.design.loops.settings import FLOWN, AutopilotLoops, LoopSignals, Setting
 
 _NAMES = ("RLL", "PIT", "YAW")
 # AP_Int8, AP_Int16 or AP_Int32 in AP_InertialSensor.h and HarmonicNotchFilter.h of Copter 4.6
@@ -132,11 +132,16 @@ def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     off = [f"ATC_RAT_{each}_{key}" for each in _NAMES for key in _UNMODELLED if given.get(f"ATC_RAT_{each}_{key}")]
     found += [f"{', '.join(off)}: left out"] if off else []
     for name in ARDUPILOT_NOTCHES:
-        if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 0.0):
-            found.append(f"{name}: taken at its {name}_FREQ, where ArduPilot moves it")
+        if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 1.0):
+            found.append(f"{name}: taken at {_describe_place(given, name)}, where ArduPilot moves it")
     if given.get("INS_GYRO_FILTER", 0.0) > (most := LOW_PASS_END * rate_hz):
         found.append(f"INS_GYRO_FILTER: taken at {most:g} Hz, the most at this rate; on board it has the gyro's rate")
     return found + [f"{name}: {meaning}" for name, (default, meaning) in _SWITCHES.items() if given.get(name, default)]
+
+
+def _describe_place(given: Mapping[str, float], name: str) -> str:
+    flown = given.get(name + FLOWN)
+    return f"{flown:.0f} Hz, the median of the log's flight" if flown else f"its {name}_FREQ"
 
 
 ARDUPILOT = AutopilotLoops(
@@ -148,8 +153,9 @@ ARDUPILOT = AutopilotLoops(
     whole=_WHOLE,
     documented=_DOCUMENTED,
     family=("ATC_", "INS_GYRO_", "INS_HNT"),
+    moving=r"INS_HNTC[H2]_(MODE|FM_RAT|FLOWN|ROTORS)",
     known=r"ATC_RAT_(RLL|PIT|YAW)_(IMAX|SMAX|PDMX|D_FF|NTF|NEF)|ATC_(ACCEL|ANGLE|ANG_LIM|INPUT|LAND|SLEW|THR)_\w+|"
-    r"ATC_RATE_(FF_ENAB|WPY_MAX)|INS_GYRO_RATE|INS_HNTC[H2]_(MODE|REF|FM_RAT)",
+    r"ATC_RATE_(FF_ENAB|WPY_MAX)|INS_GYRO_RATE|INS_HNTC[H2]_(MODE|REF|FM_RAT|FLOWN|ROTORS)",
     full_torque=_full_torque,
     build=_build,
     thrust_steps=1000,  # microseconds of a pulse

@@ -17,12 +17,12 @@ import math
 from collections.abc import Mapping
 
 from firmware_model.config.firmware import measured_torque, px4_full_torque
-from firmware_model.config.gyro_filters import gyro_filters
+from firmware_model.config.gyro_filters import PX4_BY_ROTORS, gyro_filters
 from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
-from gustproof.design.loops.settings import AutopilotLoops, LoopSignals, Setting
+from gustproof.design.loops.settings import FLOWN, AutopilotLoops, LoopSignals, Setting
 
 _NAMES, _LIMITS = ("ROLL", "PITCH", "YAW"), ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
 _LEAST = 1e-4  # of an angle gain or yaw weight: below it PX4 holds no attitude
@@ -107,14 +107,23 @@ def _rotors(given: Mapping[str, float]) -> tuple[str, int] | None:
     return (f"CA_ROTOR_COUNT {count}", count) if count else None
 
 
+def _describe_moving(given: Mapping[str, float]) -> list[str]:
+    """Return remarks on notches that move."""
+    moving, flown = int(given.get("IMU_GYRO_DNF_EN", 0)) & _DYNAMIC, given.get("IMU_GYRO_DNF" + FLOWN, 0.0)
+    found = []
+    if moving & PX4_BY_ROTORS and flown:
+        found.append(f"IMU_GYRO_DNF_EN: notches at {flown:.0f} Hz, the rotors' median in the log, where PX4 moves them")
+        moving -= PX4_BY_ROTORS
+    return [*found, "IMU_GYRO_DNF_EN: moving notches are left out"] if moving else found
+
+
 def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     found = ["saturation empties the integrals by back-calculation, where PX4 stops them"]
     limits = ", ".join(f"{name} {given.get(name, 0.3):g}" for name in _LIMITS)
     found.append(f"the integrals have no limit, where PX4 has {limits}")
     if "MC_YAW_TQ_CUTOFF" not in given:
         found.append("MC_YAW_TQ_CUTOFF: 0, as `fly --autopilot` sets it, where PX4's own is 2")
-    if int(given.get("IMU_GYRO_DNF_EN", 0)) & _DYNAMIC:
-        found.append("IMU_GYRO_DNF_EN: moving notches are left out")
+    found += _describe_moving(given)
     off = [name for name in ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF") if given.get(name, 0.0) >= 0.5 * rate_hz]
     found += [f"{', '.join(off)}: off at this rate, of half of it at most"] if off else []
     if given.get("CA_AIRFRAME", 0.0) in _VTOL:
@@ -135,6 +144,7 @@ PX4 = AutopilotLoops(
     whole=frozenset(),  # INT32 of IMU_ and MC_ are switches and rates that are not of the loops
     documented=_DOCUMENTED,
     family=("MC_", "IMU_"),
+    moving=r"IMU_GYRO_DNF_\w+",
     known=r"MC_(ACRO|AT|MAN|ORBIT|SLOW|[RPY]R_INT)_\w+|MC_(AIRMODE|BAT_SCALE_EN)|IMU_(ACCEL|INTEG|GYRO_[CDFR])\w+",
     full_torque=_full_torque,
     build=_build,

@@ -13,6 +13,8 @@ from gustproof.design.loops.filters import SampledAxisLoop
 from gustproof.law.cascade import AxisLaw
 from gustproof.law.form import Matrix
 
+FLOWN = "_FLOWN"
+"""End of the name of what a log tells of a notch that moves [Hz]."""
 _FEW = 4  # names that a remark lists
 _FASTEST = 2000  # [Hz] of loops that are judged
 _BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
@@ -68,6 +70,8 @@ class AutopilotLoops(NamedTuple):
     """Least and largest value [in its unit] in the autopilot's own documents; `None` for 0 or no limit."""
     family: tuple[str, ...]
     """Beginnings of names; an unknown name with one of them is reported."""
+    moving: str
+    """Regular expression of what is told of notches that move, see `firmware_model.config.gyro_filters`."""
     known: str
     """Regular expression of names among these that are not of the loops, or that remarks deal with."""
     full_torque: Callable[[Vehicle, Mapping[str, float]], Vector]
@@ -176,7 +180,7 @@ def drop_fractions(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -
 
 
 def complete(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return all parameters of the loops, those not given at their defaults.
+    """Return all parameters of the loops, those not given at their defaults, and what a log tells of moving notches.
 
     Raises
     ------
@@ -187,4 +191,7 @@ def complete(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> dict
         setting = autopilot.settings.get(name)
         if setting is not None and not setting.low <= value <= setting.high:
             raise ConfigError(f"{name}: is {value:g}, must be {setting.low:g} to {setting.high:g}")
-    return {name: parameters.get(name, setting.default) for name, setting in autopilot.settings.items()}
+    values = {name: parameters.get(name, setting.default) for name, setting in autopilot.settings.items()}
+    if any(name.endswith(FLOWN) for name in parameters):
+        values |= {name: value for name, value in parameters.items() if re.fullmatch(autopilot.moving, name)}
+    return values

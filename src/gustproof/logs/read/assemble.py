@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
+from gustproof.logs.read.flown_part import place_notches
 from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
 from gustproof.types import Array
 
@@ -15,7 +16,7 @@ SIGNALS = ("gyro", "command", "motors", "accelerometer", "attitude", "reference"
 """Signals of a `FlightLog`, by name."""
 _LARGEST = {
     **{"gyro": 100.0, "command": 1e6, "motors": 1e3, "accelerometer": 2000.0},
-    **{"attitude": 10.0, "reference": 10.0, "rate_reference": 100.0},
+    **{"attitude": 10.0, "reference": 10.0, "rate_reference": 100.0, "notches": 5000.0},
 }
 """In the signal's unit; no instrument or set-point of a vehicle that flies is beyond it."""
 _STRAYED_US = 1e6  # of a stamp from those of the gyro beside it in the file: loggers buffer less
@@ -73,6 +74,8 @@ class Draft:
     """Unit of the command."""
     parameters: dict[str, float] = field(default_factory=dict)
     """Parameters of the autopilot by name."""
+    notches: dict[str, Rows] = field(default_factory=dict)
+    """Where notches moved to, see `FlightLog.notches`."""
     findings: list[str] = field(default_factory=list)
     """Shortcomings that the reader has seen, a line each."""
 
@@ -131,16 +134,29 @@ def assemble(draft: Draft) -> FlightLog:
     }
     findings += _shortcomings(signals)
     states = None if draft.in_air is None else _on_clock(_cut(draft.in_air, begin, end), gyro)
-    return FlightLog(
+    log = FlightLog(
         source=draft.source,
         system=draft.system,
         command_unit=draft.command_unit,
         is_gyro_raw=gyro.is_raw,
         airborne=_airborne(states, signals, start_us, findings),
         parameters=draft.parameters,
+        notches=_notches(draft, (begin, end), gyro, start_us, findings),
         findings=tuple(findings),
         **signals,
     )
+    return place_notches(log)
+
+
+def _notches(
+    draft: Draft, ends: tuple[int, int], gyro: Rows, start_us: float, findings: list[str]
+) -> dict[str, LogSignal]:
+    """Return where notches moved to, between two places of the file."""
+    found = {}
+    for name, rows in draft.notches.items():
+        sound = _sound("notches", _cut(rows, *ends), findings, gyro)
+        found[name] = LogSignal(time=(sound.time_us - start_us) * 1e-6, values=sound.values)
+    return found
 
 
 def _check_shapes(signals: Mapping[str, Rows]) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.files import open_regular
+from firmware_model.config.gyro_filters import ARDUPILOT_NOTCH, ARDUPILOT_NOTCHES, MOST_ROTORS
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, fastest
 from gustproof.logs.read.pulses import motor_commands
 from gustproof.logs.read.sample_store import SampleStore, read_blocks
@@ -85,7 +86,17 @@ _SIGNALS = {
     "rate_reference": (_Source("RATE", ("RDes", "PDes", "YDes"), _DEGREE),),
 }
 """Sources of each signal, the best first."""
-_KEPT = {source.message for sources in _SIGNALS.values() for source in sources} | {"RCOU", "EV", "PARM", "ISBH"}
+_KEPT = {source.message for sources in _SIGNALS.values() for source in sources}
+_KEPT |= {"RCOU", "EV", "PARM", "ISBH", "CTUN", "RPM", "ESC", "FTN1"}
+_BY_THROTTLE, _BY_RPM, _BY_ESC, _BY_SPECTRUM = range(1, 5)
+"""Modes of a harmonic notch that moves."""
+_MOVED_BY = {
+    _BY_THROTTLE: _Source("CTUN", ("ThO",)),
+    _BY_RPM: _Source("RPM", ("RPM",), 1.0 / 60.0),
+    _BY_SPECTRUM: _Source("FTN1", ("PkAvg",)),
+}
+_EACH_ROTOR = 2  # bit of its OPTS
+_ROTOR = "Instance"
 
 
 class _Parser:
@@ -249,6 +260,7 @@ def read_dataflash(path: Path) -> Draft:
     if (motors := _motors(parser, parameters.values)) is not None:
         draft.rows["motors"] = motors
     draft.in_air = _in_air(parser)
+    draft.notches = dict(_notches(parser, parameters.values))
     draft.findings += [*_findings(parser, left), *parameters.findings()]
     return draft
 
@@ -283,6 +295,50 @@ def _motors(parser: _Parser, parameters: dict[str, float]) -> Rows | None:
         return None
     values = motor_commands(dict(zip(outputs, rows.values.T, strict=True)), parameters)
     return None if values is None else replace(rows, values=values)
+
+
+def _notches(parser: _Parser, parameters: dict[str, float]) -> Iterator[tuple[str, Rows]]:
+    """Yield where each harmonic notch moved to [Hz], by the beginning of its parameters' names.
+
+    References
+    ----------
+    ArduPilot, AP_Vehicle::update_dynamic_notch of Copter 4.6.
+    """
+    for name in ARDUPILOT_NOTCHES:
+        given = {key: parameters.get(f"{name}_{key}", 0.0) for key in ("ENABLE", "MODE", "OPTS")}
+        usual, reference = parameters.get(f"{name}_FREQ", ARDUPILOT_NOTCH["FREQ"]), parameters.get(f"{name}_REF", 1.0)
+        mode, is_each = int(given["MODE"]), bool(int(given["OPTS"]) & _EACH_ROTOR)
+        rows = _speeds(parser, mode) if given["ENABLE"] and reference > 0.0 else None
+        if rows is not None and (mode == _BY_ESC or not is_each):
+            yield name, replace(rows, values=_move(rows.values, mode, usual, reference, is_each=is_each))
+
+
+def _move(values: Array, mode: int, usual: float, reference: float, *, is_each: bool) -> Array:
+    """Return the places [Hz] of a notch by what moves it."""
+    if is_each:
+        return values
+    mean = values.mean(axis=1, keepdims=True)
+    if mode == _BY_THROTTLE:
+        return np.asarray(usual * np.sqrt(np.maximum(mean, 0.0) / reference))
+    return np.asarray(mean if mode == _BY_SPECTRUM else reference * mean)
+
+
+def _speeds(parser: _Parser, mode: int) -> Rows | None:
+    """Return what moves a notch; `None` if it is not logged."""
+    if mode == _BY_ESC:
+        return _rotors(parser)
+    return parser.rows(_MOVED_BY[mode]) if mode in _MOVED_BY else None
+
+
+def _rotors(parser: _Parser) -> Rows | None:
+    """Return the speed [Hz] of all rotors at the times of the first; `None` if it is not logged."""
+    rows = parser.rows(_Source("ESC", (_ROTOR, "RPM")))
+    if rows is None or not rows.has_times():
+        return None
+    which, speed = rows.values[:, 0], rows.values[:, 1] / 60.0
+    each = [np.flatnonzero(which == number) for number in np.unique(which)[:MOST_ROTORS]]
+    columns = [np.interp(rows.position[each[0]], rows.position[own], speed[own]) for own in each]
+    return replace(rows.take(which == which[each[0][0]]), values=np.column_stack(columns))
 
 
 def _in_air(parser: _Parser) -> Rows | None:

@@ -1,10 +1,9 @@
 """One flight as its log has it, in SI units and body axes front, right, down (B), whatever the file's format."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 
-from firmware_model.errors import ConfigError
 from gustproof.types import Array
 
 
@@ -55,27 +54,9 @@ class FlightLog:
     """True if the gyro is known to be logged before the autopilot's filters."""
     airborne: tuple[tuple[float, float], ...] = ()
     """[s] start and end of each stretch in the air."""
+    notches: Mapping[str, LogSignal] = field(default_factory=dict)
+    """(n, m) [Hz] where notches of the gyro moved to, by the beginning of their parameters' names; 0 if not known."""
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """Parameters of the autopilot by name, [in its own units], as logged."""
+    """Parameters of the autopilot by name, [in its own units], as logged; and medians of `notches`, see `crop`."""
     findings: tuple[str, ...] = ()
     """Shortcomings of the log, a line each: absent, clipped, lost or too slow signals."""
-
-
-def crop(log: FlightLog, begin: float | None, end: float | None) -> FlightLog:
-    """Return the log with what is between `begin` and `end` [s] in the air, the ends of the log by default.
-
-    Raises
-    ------
-    ConfigError
-        If they are not in order, or outside the log.
-    """
-    if begin is None and end is None:
-        return log
-    first, last = (float(log.gyro.time[i]) for i in (0, -1))
-    begin, end = first if begin is None else begin, last if end is None else end
-    if not first <= begin < end <= last:
-        raise ConfigError(
-            f"--from {begin:g} --to {end:g}: must be in order and within the log, {first:g} .. {last:g} s"
-        )
-    told = tuple(line for line in log.findings if not line.startswith("airborne: "))
-    return replace(log, airborne=((begin, end),), findings=told)

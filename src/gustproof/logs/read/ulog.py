@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.config.gyro_filters import MOST_ROTORS, PX4_BY_ROTORS
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest
 from gustproof.logs.read.pulses import output_commands
 from gustproof.logs.read.sample_store import SampleStore, read_blocks
@@ -41,6 +42,7 @@ _TYPES = {
 }
 _FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 _SAMPLE, _MESSAGE = "timestamp_sample", "timestamp"
+_NESTED = ("esc_report",)  # topics within others that are used
 _MOST_RAW = 4_000_000  # samples of the gyro: eight minutes at 8 kHz; of longer logs the other topics are used
 _LONGEST = 64  # numbers of a field
 
@@ -52,6 +54,21 @@ class _Field(NamedTuple):
     length: int
     offset: int
 
+    @property
+    def end(self) -> int:
+        """[bytes] offset of what follows."""
+        return self.offset + self.length * np.dtype(self.type).itemsize
+
+
+def _repeat(name: str, fields: Mapping[str, _Field], count: int) -> dict[str, _Field]:
+    """Return the fields of a topic that stands `count` times within another, under a `name`."""
+    size = max((each.end for each in fields.values()), default=0)
+    return {
+        f"{name}[{i}].{key}": each._replace(offset=i * size + each.offset)
+        for i in range(count)
+        for key, each in fields.items()
+    }
+
 
 class _Parser:
     """State of reading: topics, samples that are kept, parameters, and damage."""
@@ -61,7 +78,7 @@ class _Parser:
         self.parameters = LoggedParameters()
         self.damaged = self.dropouts = self.dropped_ms = 0
         self._topics = frozenset(topics)
-        self._fields: dict[str, dict[str, _Field]] = {}
+        self._formats: dict[str, str] = {}
         self._numbers: dict[int, str] = {}
         self._lengths: dict[str, int] = {}
         self._subscribed = set[bytes]()  # numbers of all topics, as they stand in the file
@@ -133,17 +150,8 @@ class _Parser:
 
     def _on_format(self, message: bytes) -> None:
         topic, _, text = message.decode(errors="replace").partition(":")
-        if topic not in self._topics:
-            return
-        fields, offset = dict[str, _Field](), 0
-        for item in text.split(";"):
-            match = _FIELD.fullmatch(item)
-            if match is None or match[1] not in _TYPES:  # the end, or a nested type: nothing that is used is behind one
-                break
-            kind, count = _TYPES[match[1]], int(match[2] or 1)
-            fields[match[3]] = _Field(kind, count, offset)
-            offset += count * np.dtype(kind).itemsize
-        self._fields.setdefault(topic, fields)
+        if topic in self._topics:
+            self._formats.setdefault(topic, text)
 
     def _on_parameter(self, message: bytes) -> None:
         kind, _, name = message[1 : 1 + message[0]].decode(errors="replace").partition(" ")
@@ -160,17 +168,35 @@ class _Parser:
         if any(incompatible[1:]) or incompatible[:1] > b"\x01":
             raise ValueError("a ULog with features that are not known here")
 
+    def _fields(self, topic: str) -> dict[str, _Field]:
+        """Return the fields of a topic up to one that is not known; of nested ones each, `esc[3].esc_rpm`."""
+        fields, offset = dict[str, _Field](), 0
+        for item in self._formats.get(topic, "").split(";"):
+            if (match := _FIELD.fullmatch(item)) is None:
+                break
+            kind, count, name = match[1], int(match[2] or 1), match[3]
+            if kind in _TYPES:
+                parts = {name: _Field(_TYPES[kind], count, 0)}
+            else:
+                is_within = topic in _NESTED or kind not in _NESTED
+                parts = {} if is_within else _repeat(name, self._fields(kind), min(count, _LONGEST))
+            if not parts:  # a topic within that is not used, or not told: what is behind it has no place
+                break
+            fields |= {key: each._replace(offset=offset + each.offset) for key, each in parts.items()}
+            offset += max(each.end for each in parts.values())
+        return fields
+
     def topic(self, name: str, fields: Iterable[str]) -> tuple[NDArray[np.int64], NDArray[np.void]] | None:
         """Return places and samples of a topic, with these fields and its stamps.
 
         `None` if they are not logged, or have absurdly many numbers.
         """
-        known = self._fields.get(name, {})
+        known = self._fields(name)
         wanted = [field for field in (_MESSAGE, _SAMPLE) if field in known] + list(fields)
         has_stamps = _MESSAGE in known and known[_MESSAGE].type == _TYPES["uint64_t"]
         if name not in self.store or not has_stamps or not known.keys() >= {*fields}:
             return None
-        if max(known[field].length for field in wanted) > _LONGEST:
+        if any(known[field].length > _LONGEST or known[field].end > self._lengths[name] for field in wanted):
             return None
         layout: Any = {
             "names": wanted,
@@ -245,12 +271,13 @@ _SIGNALS = {
     "rate_reference": (_Source("vehicle_rates_setpoint", ("roll", "pitch", "yaw"), stamp=_MESSAGE),),
 }
 """Sources of each signal, the best first."""
+_ROTORS, _SPEED = "esc_status", "esc[{}].esc_rpm"
 _LANDED = _Source("vehicle_land_detected", ("landed",), lambda landed: 1.0 - landed)
 _GYRO_RATE, _GYRO_IN_USE = ("vehicle_imu_status", "gyro_rate_hz"), ("sensor_selection", "gyro_device_id")
 _RATE_LIMIT = "IMU_GYRO_RATEMAX"
 _SLOWER = 0.95  # of the limit, below which the gyro is the slower one
 _TOPICS = {source.topic for sources in _SIGNALS.values() for source in sources}
-_TOPICS |= {_LANDED.topic, "sensor_gyro_fifo", _GYRO_RATE[0], _GYRO_IN_USE[0]}
+_TOPICS |= {_LANDED.topic, "sensor_gyro_fifo", _GYRO_RATE[0], _GYRO_IN_USE[0], _ROTORS, *_NESTED}
 
 
 def read_ulog(path: Path) -> Draft:
@@ -274,6 +301,8 @@ def read_ulog(path: Path) -> Draft:
             found = [*_fifo(parser), *_centre_gyro(parser, found)]
         if found:
             draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
+    if (rotors := _rotors(parser)) is not None:
+        draft.notches = {"IMU_GYRO_DNF": rotors}
     draft.findings += [*_findings(parser, left), *_correct_rate(parser)]
     return draft
 
@@ -320,6 +349,15 @@ def _fifo(parser: _Parser) -> Iterator[Rows]:
     values = np.stack([table[axis] * table["scale"].astype(np.float64) for axis in "xyz"], axis=-1)
     time_us = _stamps(table, _SAMPLE)[:, np.newaxis] - age
     yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken], is_raw=True)
+
+
+def _rotors(parser: _Parser) -> Rows | None:
+    """Return the speeds [Hz] of the rotors, which notches follow; `None` if they do not, or none are told."""
+    if not int(parser.parameters.values.get("IMU_GYRO_DNF_EN", 0.0)) & PX4_BY_ROTORS:
+        return None
+    found = _Source(_ROTORS, tuple(_SPEED.format(i) for i in range(MOST_ROTORS)), stamp=_MESSAGE).rows(parser)
+    turns = found is not None and (found.values != 0.0).any(axis=0)
+    return replace(found, values=np.abs(found.values[:, turns]) / 60.0) if found is not None and np.any(turns) else None
 
 
 def _correct_rate(parser: _Parser) -> Iterator[str]:

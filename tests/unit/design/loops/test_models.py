@@ -14,6 +14,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from firmware_model.config.firmware import ardupilot_full_torque, px4_full_torque, px4_parameters
+from firmware_model.config.gyro_filters import gyro_filters
 from firmware_model.config.parameter_files import GROUND_STATION_FORMS, read_parameters, write_parameters
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -366,6 +367,10 @@ def test_names_that_are_not_known_and_parts_left_out_are_told() -> None:
     px4 = autopilot_law("px4", {"MC_ROLRATE_P": 0.1, "MC_ACRO_EXPO": 0.7, "IMU_GYRO_DNF_EN": 1.0}, VEHICLE).remarks
     assert px4[0] == "not known: MC_ROLRATE_P"
     assert "IMU_GYRO_DNF_EN: moving notches are left out" in px4
+    both = {"IMU_GYRO_DNF_EN": 3.0, "IMU_GYRO_DNF_FLOWN": 90.0, "IMU_GYRO_DNF_ROTORS": 4.0}
+    moved = autopilot_law("px4", both, VEHICLE).remarks
+    assert "IMU_GYRO_DNF_EN: notches at 90 Hz, the rotors' median in the log, where PX4 moves them" in moved
+    assert "IMU_GYRO_DNF_EN: moving notches are left out" in moved  # those that follow the spectrum
     ardupilot = autopilot_law(
         "ardupilot",
         {"ATC_RAT_RLL_SMAX": 5.0, "INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_MODE": 1.0, "INS_HNTCH_REF": 0.3},
@@ -373,6 +378,37 @@ def test_names_that_are_not_known_and_parts_left_out_are_told() -> None:
     ).remarks
     assert "ATC_RAT_RLL_SMAX: left out" in ardupilot
     assert "INS_HNTCH: taken at its INS_HNTCH_FREQ, where ArduPilot moves it" in ardupilot
+    values = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_MODE": 3.0, "INS_HNTCH_FLOWN": 70.0, "INS_HNTCH_ROTORS": 1.0}
+    moved = autopilot_law("ardupilot", values, VEHICLE).remarks
+    assert "INS_HNTCH: taken at 70 Hz, the median of the log's flight, where ArduPilot moves it" in moved
+
+
+def test_notches_that_moved_are_in_the_loops_one_for_each_rotor_and_harmonic() -> None:
+    """Above half of the rate there are none; below its least frequency a notch stays there."""
+    px4 = {"IMU_GYRO_CUTOFF": 0.0, "IMU_GYRO_DNF_EN": 1.0, "IMU_GYRO_DNF_FLOWN": 60.0, "IMU_GYRO_DNF_ROTORS": 4.0}
+    plain = autopilot_law("px4", {"IMU_GYRO_CUTOFF": 0.0}, VEHICLE, rate_hz=400).law
+    moved = autopilot_law("px4", px4, VEHICLE, rate_hz=400).law
+    assert moved.provenance.parameters["IMU_GYRO_DNF_FLOWN"] == 60.0
+    assert moved.order == plain.order + 3 * 2 * 12
+    for parameters, places in (
+        (px4 | {"IMU_GYRO_DNF_FLOWN": 5.0, "IMU_GYRO_DNF_ROTORS": 1.0}, [25.0, 32.5, 40.0]),
+        (px4 | {"IMU_GYRO_DNF_FLOWN": 150.0, "IMU_GYRO_DNF_ROTORS": 1.0}, [150.0]),
+        (px4 | {"IMU_GYRO_DNF_EN": 2.0}, []),
+    ):
+        found = gyro_filters("px4", parameters, 400.0)
+        assert [math.acos(-each.b1 / (2.0 * each.b0)) * 200.0 / math.pi for each in found] == pytest.approx(places)
+    copter = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_MODE": 1.0, "INS_HNTCH_HMNCS": 3.0, "INS_HNTCH_FLOWN": 90.0}
+    for changes, rotors, places in (
+        ({}, 1, (90.0, 180.0)),
+        ({}, 4, (90.0,) * 4 + (180.0,) * 4),
+        ({"INS_HNTCH_MODE": 0.0}, 4, (80.0, 160.0)),
+        ({"INS_HNTCH_FLOWN": 50.0}, 1, (80.0, 160.0)),
+        ({"INS_HNTCH_FLOWN": 50.0, "INS_HNTCH_FM_RAT": 0.5}, 1, (50.0, 100.0)),
+    ):
+        found = gyro_filters("ardupilot", copter | changes | {"INS_HNTCH_ROTORS": rotors}, 400.0)
+        alpha = [(1.0 - each.a2) / (1.0 + each.a2) for each in found]
+        cosine = [-each.a1 * (1.0 + a) / 2.0 for each, a in zip(found, alpha, strict=True)]
+        assert [math.acos(each) * 200.0 / math.pi for each in cosine] == pytest.approx(places)
 
 
 OF_2026 = "since June 2025 (1.17) PX4 has "

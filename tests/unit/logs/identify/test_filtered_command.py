@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from firmware_model.config.gyro_filters import gyro_filters
+from firmware_model.config.gyro_filters import gyro_filters, notch
 from gustproof.logs.identify import identify_vehicle
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.identify_vehicle import identify
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.logs.read.flown_part import crop
 
 GAIN, DELAY = 200.0, 0.005
 FILTERS = {
@@ -63,6 +64,50 @@ def test_filters_of_the_gyro_are_none_of_the_vehicle(system: str, hertz: int, la
     assert found.actuator_lag is not None
     assert found.actuator_lag.nominal == pytest.approx(lag, abs=0.0025 if lag else 0.001)
     assert found.lateness.nominal == pytest.approx(lag + DELAY, abs=0.0025)
+    for axis in found.axes:
+        assert axis.gain is not None
+        assert axis.gain.nominal == pytest.approx(GAIN, rel=0.04)
+
+
+MOVING = {
+    "ardupilot": {"INS_HNTCH_MODE": 3.0, "INS_HNTCH_FREQ": 40.0, "INS_HNTCH_BW": 20.0, "INS_HNTCH_HMNCS": 1.0},
+    "px4": {"IMU_GYRO_DNF_EN": 1.0, "IMU_GYRO_DNF_HMC": 1.0},
+}
+
+
+@pytest.mark.parametrize(("system", "name", "rotors"), [("ardupilot", "INS_HNTCH", 1), ("px4", "IMU_GYRO_DNF", 4)])
+def test_a_notch_that_moves_is_taken_where_it_was_in_flight(system: str, name: str, rotors: int) -> None:
+    """It follows rotors of 54 to 66 Hz; on the ground, before 2 s, they stand still."""
+    raw = make_log(system, 1600, 0.03, raw=True)
+    gyro, at = raw.gyro.values, raw.gyro.time
+    speed = 60.0 + 6.0 * np.sin(2.0 * at)
+    state = np.zeros((rotors, 2, 3))
+    for begin in range(0, len(gyro), 8):
+        f, block = speed[begin], gyro[begin : begin + 8]
+        wide = np.tan(np.pi * 15.0 / 1600.0) if system == "px4" else np.sin(2.0 * np.pi * f / 1600.0) * 7.0 / 24.0
+        b0, b1, b2, a1, a2 = notch(f, wide, 0.0 if system == "px4" else 0.01, 1600.0)
+        for i in range(rotors):
+            block, state[i] = lfilter((b0, b1, b2), (1.0, a1, a2), block, axis=0, zi=state[i])
+        gyro[begin : begin + 8] = block
+    parameters = {"SCHED_LOOP_RATE": 400.0, "IMU_GYRO_RATEMAX": 400.0, "INS_HNTCH_ENABLE": 1.0, **MOVING[system]}
+    followed = LogSignal(time=at[::160], values=np.repeat((speed * (at > 2.0))[::160, None], rotors, axis=1))
+    left_out = replace(
+        raw,
+        gyro=LogSignal(time=at[::4], values=gyro[::4]),
+        is_gyro_raw=False,
+        parameters=parameters,
+        notches={name: followed},
+    )
+    log = crop(left_out, 2.0, None)
+    assert log.parameters[f"{name}_FLOWN"] == pytest.approx(60.0, abs=0.5)
+    assert log.parameters[f"{name}_ROTORS"] == rotors
+    assert any(line.startswith(f"a notch that moved: {name} at 60 Hz, from 54 to 66") for line in log.findings)
+    found, without = identify(log), identify(replace(log, parameters=parameters))
+    assert found.lateness is not None
+    assert without.lateness is not None
+    assert found.lateness.low < 0.03 + DELAY < found.lateness.high
+    error, before = (abs(each.lateness.nominal - 0.03 - DELAY) for each in (found, without))
+    assert error < min(0.001, 0.7 * before)
     for axis in found.axes:
         assert axis.gain is not None
         assert axis.gain.nominal == pytest.approx(GAIN, rel=0.04)

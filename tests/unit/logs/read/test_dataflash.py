@@ -150,3 +150,43 @@ def test_rates_and_commands_of_old_copters_are_in_their_units(tmp_path, angle, f
     assert log.command.values[:, 0] == pytest.approx([out for *_, out in rates], abs=1e-6)
     assert any("before 3.4" in line for line in log.findings) is told
     assert not log.is_gyro_raw
+
+
+@pytest.mark.parametrize(
+    ("mode", "parameters", "told"),
+    [
+        (1, {"REF": 0.2, "FREQ": 60.0}, (60.0 * 1.5**0.5, 1)),
+        (2, {"REF": 1.0}, (80.0, 1)),
+        (3, {"REF": 0.5}, (50.0, 1)),
+        (3, {"OPTS": 2.0}, (100.0, 4)),
+        (4, {"REF": 1.0}, (77.0, 1)),
+        (0, {"REF": 1.0}, None),  # it stands still
+        (1, {"REF": 0.0}, None),
+        (1, {"OPTS": 2.0}, None),  # each rotor's thrust is not logged
+        (3, {"ENABLE": 0.0}, None),
+    ],
+)
+def test_where_a_harmonic_notch_moved_to_is_found_by_its_mode(
+    written: Write,
+    ardupilot_messages: dict[str, tuple[str, str, list[tuple[object, ...]]]],
+    make_dataflash: Callable[..., bytes],
+    mode: int,
+    parameters: dict[str, float],
+    told: tuple[float, int] | None,
+) -> None:
+    stamps = [5_000_000 + 20_000 * i for i in range(100)]
+    letters, columns, rows = ardupilot_messages["PARM"]
+    given = {"ENABLE": 1.0, "MODE": float(mode), **parameters}
+    rows = [*rows, *((5_000_000, f"INS_HNTCH_{key}".encode(), value) for key, value in given.items())]
+    motors = [(t + i, i, 6000.0 + 60.0 * (i - 1.5)) for t in stamps for i in range(4)]
+    messages = {
+        **ardupilot_messages,
+        "PARM": (letters, columns, rows),
+        "CTUN": ("Qff", "TimeUS,ThI,ThO", [(t, 0.9, 0.3) for t in stamps]),
+        "RPM": ("QBf", "TimeUS,I,RPM", [(t + i, i, 4800.0 - 900.0 * i) for t in stamps for i in range(2)]),
+        "ESC": ("QBf", "TimeUS,Instance,RPM", motors),
+        "FTN1": ("Qff", "TimeUS,PkAvg,BwAvg", [(t, 77.0, 9.0) for t in stamps]),
+    }
+    log = read_log(written("a.bin", make_dataflash(messages)))
+    found = log.parameters.get("INS_HNTCH_FLOWN"), log.parameters.get("INS_HNTCH_ROTORS")
+    assert found == ((None, None) if told is None else (pytest.approx(told[0], rel=1e-6), told[1]))

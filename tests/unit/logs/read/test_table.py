@@ -6,7 +6,8 @@ import pytest
 
 from firmware_model.errors import ConfigError
 from gustproof.logs.read import table
-from gustproof.logs.read.flight_log import CommandUnit, crop
+from gustproof.logs.read.flight_log import CommandUnit
+from gustproof.logs.read.flown_part import crop
 from gustproof.logs.read.read_log import read_log
 
 

@@ -204,3 +204,24 @@ def test_read_log_of_px4_survives_what_a_format_claims(
     with pytest.raises(ConfigError) as told:
         read_log(path)
     assert str(told.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(("enabled", "report"), [(1, True), (3, True), (2, True), (1, False)])
+def test_speeds_of_rotors_that_notches_follow_are_read_from_a_topic_within_another(
+    written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes], enabled: int, report: bool
+) -> None:
+    number, name, within = 99, b"esc_status", "esc_report:uint64_t timestamp;int32_t esc_rpm;uint8_t[4] _padding0;"
+    rpms = [-6000, 6120, 6000, -5880, 0, 0, 0, 0]
+    content = [
+        struct.pack("<HQ", number, t) + b"".join(struct.pack("<Qi4x", t, rpm) for rpm in rpms) + b"\x04"
+        for t in range(1_000_000, 3_000_000, 20_000)
+    ]
+    formats = ["esc_status:uint64_t timestamp;esc_report[8] esc;uint8_t esc_count;", *([within] if report else [])]
+    framed = [struct.pack("<HB", len(each), ord("F")) + each.encode() for each in formats]
+    subscribed = struct.pack("<HBBH", 3 + len(name), ord("A"), 0, number) + name
+    data = [struct.pack("<HB", len(each), ord("D")) + each for each in content]
+    topics = [*px4_topics, [b"".join(framed), subscribed, *data]]
+    log = read_log(written("a.ulg", make_ulog(topics, {"IMU_GYRO_DNF_EN": enabled})))
+    told = enabled & 1 and report
+    assert log.parameters.get("IMU_GYRO_DNF_FLOWN") == (100.0 if told else None)
+    assert log.parameters.get("IMU_GYRO_DNF_ROTORS") == (4.0 if told else None)
