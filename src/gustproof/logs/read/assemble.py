@@ -75,7 +75,7 @@ class Draft:
     parameters: dict[str, float] = field(default_factory=dict)
     """Parameters of the autopilot by name."""
     notches: dict[str, Rows] = field(default_factory=dict)
-    """Where notches moved to, see `FlightLog.notches`."""
+    """Frequencies of notches that moved, see `FlightLog.notches`."""
     findings: list[str] = field(default_factory=list)
     """Shortcomings that the reader has seen, a line each."""
 

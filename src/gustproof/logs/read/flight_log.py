@@ -55,7 +55,7 @@ class FlightLog:
     airborne: tuple[tuple[float, float], ...] = ()
     """[s] start and end of each stretch in the air."""
     notches: Mapping[str, LogSignal] = field(default_factory=dict)
-    """(n, m) [Hz] where notches of the gyro moved to, by the beginning of their parameters' names; 0 if not known."""
+    """(n, m) [Hz] of notches of the gyro that moved, by the beginning of their parameters' names; 0 if not known."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the autopilot by name, [in its own units], as logged; and medians of `notches`, see `crop`."""
     findings: tuple[str, ...] = ()
