@@ -52,7 +52,7 @@ class RequirementResult(Shown):
     """Metric, window and limits."""
     value: float
     """[unit of the metric] measured value; NaN if the window was not flown to its end."""
-    judged: bool = True
+    judged: bool
     """True if the window was flown to its end."""
 
     @property

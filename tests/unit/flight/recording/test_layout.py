@@ -31,7 +31,7 @@ def messages(tmp_path_factory):
     records["time_us"] = np.arange(1000) * 4000
     records["q_NB"] = np.cos(0.05), np.sin(0.05), 0.0, 0.0
     plan = FlightPlan(scenario, load_law("pid-fair"), load_vehicle("paper"), 1, False)
-    told = RequirementResult(requirement=require[0], value=5.7).to_dict()
+    told = RequirementResult(requirement=require[0], value=5.7, judged=True).to_dict()
     bag = tmp_path_factory.mktemp("bags") / "flight"
     write_bag(bag, records, plan.metadata(), None, [told])
     found = {}
