@@ -139,6 +139,14 @@ def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
     assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
 
 
+@pytest.mark.parametrize("moving", ["velocity_N", "omega_B"])
+def test_what_moves_at_two_hundredths_rests_and_any_faster_does_not(moving):
+    for speed, resting in ((0.02, True), (math.nextafter(0.02, 1.0), False)):
+        for axis in range(3):
+            motion = {moving: tuple(speed * (axis == each) for each in range(3))}
+            assert is_at_rest(PARAMS, STANDING._replace(**motion), ZERO, ZERO) is resting
+
+
 @pytest.mark.parametrize("share", [0.99, 1.01])
 @pytest.mark.parametrize("lift", [0.0, 0.25])
 @pytest.mark.parametrize(("ahead", "right"), [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])

@@ -11,10 +11,12 @@ from firmware_model.config.scenario import GyroFault, Scenario, load_scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle, load_vehicle
 from firmware_model.config.waveforms import Constant, MomentRamp, MomentSine
 from firmware_model.numerics.rotations import euler_angles, from_euler
+from firmware_model.numerics.soa import single
 from firmware_model.physics.battery import BatteryState
 from firmware_model.recording.journal import RECORD, record_type
 from firmware_model.sim.layout import X_BATTERY, X_LOAD
 from firmware_model.sim.state import initial_state
+from firmware_model.sim.step import measure_load
 from firmware_model.sim.vehicle_loop import VehicleLoop
 from firmware_model.types import (
     AttitudeTarget,
@@ -285,6 +287,14 @@ def test_vehicle_begins_without_load_moment_or_applied_event() -> None:
     state = initial_state(VEHICLE, QUIET, 1).state
     assert not state[X_LOAD:X_BATTERY].any()
     assert (X_BATTERY - X_LOAD, len(state) - X_BATTERY) == (5, len(BatteryState()))
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_load_of_a_law_that_feels_no_force_is_the_weight_on_the_feet_and_none_in_the_air(stands: bool) -> None:
+    whole = initial_state(VEHICLE, replace(QUIET, translation="free"), 1, interactive=stands)
+    whole.state[X_LOAD] = 7.0  # of a sample before
+    measure_load(single(whole.params), single(whole.state))
+    assert whole.state[X_LOAD] == pytest.approx(VEHICLE.mass * GRAVITY * stands)
 
 
 def test_on_the_stand_level_flight_asks_for_the_rates_of_a_level_attitude() -> None:
