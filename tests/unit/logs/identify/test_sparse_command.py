@@ -48,6 +48,17 @@ def test_the_command_between_its_samples_is_the_loops():
     assert filled.findings[:-1] == ("gyro: 2 gaps",)  # it is no longer too slow
 
 
+def test_a_bias_of_the_gyro_fills_in_nothing():
+    log, _ = log_of_a_loop()
+    biased = replace(log.gyro, values=log.gyro.values + np.array([0.5, -0.25, 1.0]))
+    plain, found = (fill_command(each) for each in (log, replace(log, gyro=biased)))
+    assert plain is not None
+    assert found is not None
+    assert plain.command is not None
+    assert found.command is not None
+    np.testing.assert_allclose(found.command.values, plain.command.values, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("system", "changes"),
     [("csv", {}), ("gustproof", {}), ("px4", {"parameters": {"IMU_GYRO_RATEMAX": 50.0}}), ("px4", {"command": None})],
