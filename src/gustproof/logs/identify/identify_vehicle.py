@@ -17,7 +17,6 @@ from gustproof.logs.identify.likelihood import (
     DAMPING,
     DELAY,
     GAINS,
-    HIGHEST_DAMPING,
     LAG,
     NOISE,
     SHARED,
@@ -47,6 +46,7 @@ from gustproof.types import Array
 _ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
+_MOST_DAMPING = 10.0  # [1/s] of a multirotor, whose rotors' drag gives 0 to 3
 _LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
@@ -128,7 +128,7 @@ class _Axis:
     def _hidden(self) -> str:
         """Return how the fit tells that it is the autopilot's answer; empty if it does not."""
         delay = interval(self.theta, self.replicates, lambda p: p[..., DELAY])
-        if self.theta[DAMPING] >= HIGHEST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
+        if self.theta[DAMPING] > _MOST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
             return f"{_HIDDEN}, as its best fit is no multirotor"
         if delay.low <= _LATEST:
             return ""
