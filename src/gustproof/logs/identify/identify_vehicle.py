@@ -44,6 +44,7 @@ from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.types import Array
 
 _ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
+_WANTED = 30.0  # [s] in the air, below which a loose gain is blamed on that
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
 _MOST_DAMPING = 10.0  # [1/s] of a multirotor, whose rotors' drag gives 0 to 3
@@ -140,7 +141,7 @@ class _Axis:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
         evidence = math.inf if self.held_out is None else self.held_out.evidence
-        loose = _LOOSE if evidence > _EVIDENT else _VAGUE
+        loose = (_LOOSE if evidence > _EVIDENT else _VAGUE) * (_FILLED_SPREAD if self.is_filled else 1.0)
         sound = gain > 0.0 and evidence > 0.0 and not self.doubt
         return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
@@ -407,6 +408,10 @@ def _advise(axis: _Axis) -> str:
         return f"{name} is not identified: {axis.doubt}. {manoeuvre}"
     share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
+    aloft = sum(float(each.time[-1] - each.time[0]) for each in axis.data.stretches)
+    if share > _MOSTLY and aloft < _WANTED:
+        known = f"its gain is known to {100.0 * reach:.0f} % only, by {aloft:.0f} s in the air"
+        return f"{name} is not identified: {known}. Fly a minute or more. {manoeuvre}"
     if share > _MOSTLY:
         return (
             f"{name} is not identified: the command explains {100.0 * share:.0f} % of its acceleration, but not always "

@@ -50,6 +50,10 @@ _TUNED_PEAKS = (1.4, 1.6)
 """[-] least and largest Ms of better gains."""
 SAME = 5e-3
 """[-] relative change of error, slew and Ms within which gains are no better: three digits show none."""
+_NO_CHECK = (
+    "no bound of the attitude in every gust: commands act {} here, and the check has only loops in which they act one "
+    "sample late. Stability and Ms over the spreads do not rest on it"
+)
 _UNSTABLE = "a vehicle within the spreads is unstable"
 
 Progress = Callable[[float, str], None]
@@ -438,7 +442,7 @@ def _prove(
     if unstable:
         return None, _UNSTABLE
     if scenario.delay_samples != 1:
-        return None, f"the check knows a delay of one sample; this scenario has {scenario.delay_samples}"
+        return None, _NO_CHECK.format(f"{scenario.delay_samples} samples late" if scenario.delay_samples else "at once")
     spreads = box.shares()
     try:
         found = certify_made(
