@@ -313,26 +313,30 @@ def trips(tmp_path_factory: pytest.TempPathFactory) -> list[Trip]:
     return [travel(case, log, folder) for case, log in zip(cases, fly_all(cases), strict=True)]
 
 
-def check_few(wrong: list[Any], count: int) -> None:
-    """Fail if more than one, and more than a twentieth, are wrong."""
-    assert len(wrong) <= max(1, 0.05 * count), f"{len(wrong)} of {count} fall short: {wrong}"
+def check_few(wrong: list[Any], count: int, share: float = 0.05) -> None:
+    """Fail if more than one, and more than a share of all, are wrong."""
+    assert len(wrong) <= max(1, share * count), f"{len(wrong)} of {count} fall short: {wrong}"
 
 
-def test_files_keep_their_promises_on_the_true_vehicle(trips: list[Trip]) -> None:
-    flown = [trip for trip in trips if not trip.refusal]
+@pytest.fixture(scope="module")
+def flown(trips: list[Trip]) -> list[Trip]:
+    return [trip for trip in trips if not trip.refusal]
+
+
+def test_files_keep_their_promises_on_the_true_vehicle(trips: list[Trip], flown: list[Trip]) -> None:
+    """Lag and delay are known to a tenth or two: a sixth of the vehicles has more than 1.1 times the nominal Ms."""
     assert len(flown) >= 0.3 * len(trips)
     assert all(trip.rests for trip in flown)
-    steep = [(trip.case.seed, trip.promised, trip.Ms) for trip in flown if trip.Ms > 1.1 * trip.promised[0]]
-    check_few(steep, len(flown))
-    assert all(trip.Ms < 1.1 * max(trip.promised[:2]) for trip in flown)
-    told = [trip for trip in flown if len(trip.inside["gain"]) == 3]  # of an axis that is not, the torque is a guess
-    slews = [(trip.case.seed, ratio) for trip in told if not 0.8 < (ratio := trip.slew / trip.promised[2]) < 1.2]
-    check_few(slews, len(told))
+    for limit, share in ((0, 0.2), (1, 0.05)):
+        found = [(trip.case.seed, trip.promised, trip.Ms) for trip in flown if trip.Ms > 1.1 * trip.promised[limit]]
+        check_few(found, len(flown), share)
+    slews = [(trip.case.seed, ratio) for trip in flown if not 0.8 < (ratio := trip.slew / trip.promised[2]) < 1.2]
+    check_few(slews, len(flown))
 
 
 @pytest.mark.parametrize("of", ["gain", "sum", "damping"])
-def test_intervals_hold_the_truth(trips: list[Trip], of: str) -> None:
-    found = [(trip.case.seed, holds) for trip in trips for holds in trip.inside.get(of, [])]
+def test_intervals_hold_the_truth(flown: list[Trip], of: str) -> None:
+    found = [(trip.case.seed, holds) for trip in flown for holds in trip.inside[of]]
     check_few([seed for seed, holds in found if not holds], len(found))
 
 
@@ -340,8 +344,5 @@ def test_refusals_name_their_first_cause(trips: list[Trip]) -> None:
     """A log of 10 Hz is too slow, whatever the flight; others have what it takes, so it is the flight or the limits."""
     for trip in trips:
         is_slow = trip.case.kind == "ardupilot default"
-        cause = (
-            r"the log is too slow|did not excite yaw" if is_slow else r"is not (identified|excited)|excite yaw|no gains"
-        )
-        assert not trip.refusal or re.search(cause, trip.refusal), trip.refusal
-        assert is_slow or "too slow" not in trip.refusal
+        cause = "the log is too slow" if is_slow else r"is not (identified|excited)|excite yaw"
+        assert re.search(f"{cause}|no gains" if trip.refusal else "^$", trip.refusal), trip.refusal

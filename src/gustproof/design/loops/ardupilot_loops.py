@@ -132,7 +132,11 @@ def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
     off = [f"ATC_RAT_{each}_{key}" for each in _NAMES for key in _UNMODELLED if given.get(f"ATC_RAT_{each}_{key}")]
     found += [f"{', '.join(off)}: left out"] if off else []
     for name in ARDUPILOT_NOTCHES:
-        if given.get(f"{name}_ENABLE") and given.get(f"{name}_MODE") and given.get(f"{name}_REF", 1.0):
+        if (
+            given.get(f"{name}_ENABLE")
+            and given.get(f"{name}_MODE", 1.0)
+            and given.get(f"{name}_REF", given.get(name + FLOWN))
+        ):
             found.append(f"{name}: taken at {_describe_place(given, name)}, where ArduPilot moves it")
     if given.get("INS_GYRO_FILTER", 0.0) > (most := LOW_PASS_END * rate_hz):
         found.append(f"INS_GYRO_FILTER: taken at {most:g} Hz, the most at this rate; on board it has the gyro's rate")

@@ -95,6 +95,7 @@ _MOVED_BY = {
     _BY_RPM: _Source("RPM", ("RPM",), 1.0 / 60.0),
     _BY_SPECTRUM: _Source("FTN1", ("PkAvg",)),
 }
+_NOTCH = {"ENABLE": 0.0, "MODE": 1.0, "OPTS": 0.0, "REF": 0.0}  # defaults: it moves once REF is not 0
 _EACH_ROTOR = 2  # bit of its OPTS
 _ROTOR = "Instance"
 
@@ -305,8 +306,8 @@ def _notches(parser: _Parser, parameters: dict[str, float]) -> Iterator[tuple[st
     ArduPilot, AP_Vehicle::update_dynamic_notch of Copter 4.6.
     """
     for name in ARDUPILOT_NOTCHES:
-        given = {key: parameters.get(f"{name}_{key}", 0.0) for key in ("ENABLE", "MODE", "OPTS")}
-        usual, reference = parameters.get(f"{name}_FREQ", ARDUPILOT_NOTCH["FREQ"]), parameters.get(f"{name}_REF", 1.0)
+        given = {key: parameters.get(f"{name}_{key}", usual) for key, usual in _NOTCH.items()}
+        usual, reference = parameters.get(f"{name}_FREQ", ARDUPILOT_NOTCH["FREQ"]), given["REF"]
         mode, is_each = int(given["MODE"]), bool(int(given["OPTS"]) & _EACH_ROTOR)
         rows = _speeds(parser, mode) if given["ENABLE"] and reference > 0.0 else None
         if rows is not None and (mode == _BY_ESC or not is_each):

@@ -319,7 +319,11 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
         ({"sign": 0.0}, False),
         ({"lag": np.log(0.001)}, True),  # a simulator without a lag
         ({"lag": np.log(0.001), "is_filled": True}, False),  # a vehicle of 128 ms, logged at 50 Hz, was told as 1 ms
-        ({"is_filled": True}, True),
+        (
+            {"is_filled": True, "spread": 0.38},
+            True,
+        ),  # its interval is wider by 1.3: so were those of PX4's default logs
+        ({"is_filled": True, "spread": 0.4}, False),
         ({"lag": np.log(0.4)}, False),
         ({"delay": 0.029}, True),
         ({"delay": 0.031}, False),

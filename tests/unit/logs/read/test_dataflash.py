@@ -158,12 +158,13 @@ def test_rates_and_commands_of_old_copters_are_in_their_units(tmp_path, angle, f
         (1, {"REF": 0.2, "FREQ": 60.0}, (60.0 * 1.5**0.5, 1)),
         (2, {"REF": 1.0}, (80.0, 1)),
         (3, {"REF": 0.5}, (50.0, 1)),
-        (3, {"OPTS": 2.0}, (100.0, 4)),
+        (3, {"OPTS": 2.0, "REF": 1.0}, (100.0, 4)),
         (4, {"REF": 1.0}, (77.0, 1)),
         (0, {"REF": 1.0}, None),  # it stands still
         (1, {"REF": 0.0}, None),
-        (1, {"OPTS": 2.0}, None),  # each rotor's thrust is not logged
-        (3, {"ENABLE": 0.0}, None),
+        (1, {"OPTS": 2.0, "REF": 1.0}, None),  # each rotor's thrust is not logged
+        (3, {"ENABLE": 0.0, "REF": 1.0}, None),
+        (3, {}, None),  # its default is 0
     ],
 )
 def test_where_a_harmonic_notch_moved_to_is_found_by_its_mode(
