@@ -11,7 +11,7 @@ import pytest
 
 from gustproof.law.form import Law, RateLimit, Schedule, list_laws, load_law
 from gustproof.law.step import STEEP, step
-from gustproof.law.write.c import c_name, c_unit, save_c
+from gustproof.law.write.c import AttitudeSource, c_name, c_unit, save_c
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fPIC"]
@@ -229,6 +229,16 @@ def test_header_says_what_the_named_states_are():
     assert phi == "/* estimated attitude [rad] */\n    flagship_PHI = 0"
     assert p == "/* estimated rates [rad/s] */\n    flagship_P = 3"
     assert [*angles, q, r] == [f"flagship_{name}" for name in ("THETA = 1", "PSI = 2", "Q = 4", "R = 5")]
+
+
+@pytest.mark.parametrize("name", ["flagship", "aided"])
+@pytest.mark.parametrize("attitude", AttitudeSource)
+def test_header_says_what_is_measured_in_its_order(name, attitude):
+    said = c_unit(load_law(name), attitude=attitude).header.split(" * y        ")[1].split("\n * command")[0]
+    measured = [line.split(" [")[0] for line in said.split(";\n *          ")]
+    expected = ["gyro p, q, r", "reference phi, theta, psi"]
+    expected += ["specific force x, y, z"] * (name == "aided")
+    assert measured == expected + ["attitude phi, theta, psi"] * (attitude is AttitudeSource.AUTOPILOT)
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
