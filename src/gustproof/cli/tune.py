@@ -189,7 +189,7 @@ def _tune_autopilot(
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.filter_tuning import tune_flown
-    from gustproof.studies.rate.tuning_steps import plan_steps
+    from gustproof.studies.rate.tuning_steps import first_stable, plan_steps
 
     limit = wanted_slew(vehicles.nominal, script, slew, ms)
     with progress(f"tuning {start.kind}", quiet=as_json) as shown:
@@ -197,7 +197,7 @@ def _tune_autopilot(
             start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
         )
         steps = plan_steps(tuning, start.law, vehicles, script, start.log)
-    at = len(steps) - 1 if at_once else 1
+    at = len(steps) - 1 if at_once else first_stable(steps)
     written = steps[at].tuning
     if output is not None:
         save_tuning(written, vehicles.nominal, output)
@@ -207,10 +207,11 @@ def _tune_autopilot(
         document = {"law": tuning.law.name, **figures, "parameters": {**written.parameters, **written.notches}}
         print_json({**document, "filters": filters, "steps": steps_document(steps)})
         return
-    show(render_steps(steps))
+    show(render_steps(steps, at))
     print(filters)
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
-    tell_remarks(written.law.name, written.outside_ranges())
+    unstable = [f"step {at} is the first that is stable by the model: were the gains that flew those of the file?"]
+    tell_remarks(written.law.name, [*written.outside_ranges(), *(unstable if at > 1 and not at_once else [])])
     print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
         print(f"parameters in {output}: step {at} of {len(steps) - 1}")

@@ -20,8 +20,8 @@ _FEEL = (
 )
 
 
-def render_steps(steps: Sequence[TuningStep]) -> Renderable:
-    """Return the figures of each step, then each parameter now, in the first step and at the end."""
+def render_steps(steps: Sequence[TuningStep], at: int) -> Renderable:
+    """Return the figures of each step, then each parameter now, in the step `at` that is written, and at the end."""
     in_flight = steps[0].flight_rmse is not None
     title = f"Steps, with the error in this flight above {LEAST_HZ:g} Hz" if in_flight else "Steps"
     figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title=title)
@@ -33,8 +33,10 @@ def render_steps(steps: Sequence[TuningStep]) -> Renderable:
             *(_cell(value) for value in (tuning.slew, tuning.Ms, tuning.corner_Ms)),
             *(("-", "-") if margins is None else (_cell(margins.gain_margin), _cell(1e3 * margins.delay_margin))),
         )
-    now, first, last = ({**each.parameters, **each.notches} for each in (steps[at].tuning for at in (0, 1, -1)))
-    values = Table("parameter", "now", "step 1", f"step {len(steps) - 1}", title=f"At most {MOST_GAIN:g} times a step")
+    now, first, last = ({**each.parameters, **each.notches} for each in (steps[at].tuning for at in (0, at, -1)))
+    values = Table(
+        "parameter", "now", f"step {at}", f"step {len(steps) - 1}", title=f"At most {MOST_GAIN:g} times a step"
+    )
     for name in last:
         values.add_row(name, *(_cell(each.get(name, math.inf)) for each in (now, first, last)))
     return Group(figures, values, Text(_FEEL))

@@ -11,6 +11,7 @@ from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.logs.read.flight_log import FlightLog
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
@@ -60,6 +61,20 @@ def plan_steps(
         ).law
         steps.append(_assess(tuning, law, values, vehicles, scenario))
     return steps if log is None else _in_flight(steps, log, vehicles, scenario)
+
+
+def first_stable(steps: list[TuningStep]) -> int:
+    """Return the place of the first step that is stable with each vehicle of the spreads.
+
+    Raises
+    ------
+    DesignError
+        If none is.
+    """
+    for at, step in enumerate(steps[1:], start=1):
+        if step.margins is not None:
+            return at
+    raise DesignError("none of the steps is stable with each vehicle of the spreads")
 
 
 def _in_flight(steps: list[TuningStep], log: FlightLog, vehicles: VehicleSet, scenario: Scenario) -> list[TuningStep]:

@@ -15,8 +15,9 @@ from gustproof.cli.app import app
 from gustproof.cli.laws import read_gains
 from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
+from gustproof.errors import DesignError
 from gustproof.studies.rate.judge import MOST_SLEW
-from gustproof.studies.rate.tuning_steps import MOST_GAIN, plan_steps
+from gustproof.studies.rate.tuning_steps import MOST_GAIN, first_stable, plan_steps
 
 AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
 FLOWN = {
@@ -50,13 +51,26 @@ def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(k
     assert loaded.dt == steps[0].tuning.law.dt
 
 
-def test_gains_that_are_unstable_now_are_told_so() -> None:
+def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No step is written that is unstable, as the first ones are."""
     flown = autopilot_law("px4", {"MC_ROLLRATE_P": 3.0}, IRIS.nominal).law
     goal = tune_gains("px4", IRIS, AIR, slew=4.0)
     now, *steps = plan_steps(goal, flown, IRIS, AIR)
     assert now.margins is None
     assert math.isinf(now.tuning.Ms)
     assert math.isfinite(steps[-1].tuning.Ms)
+    at = first_stable([now, *steps])
+    assert at > 1
+    assert [step.margins is None for step in steps[:at]] == [True] * (at - 1) + [False]
+    with pytest.raises(DesignError, match="none of the steps is stable"):
+        first_stable([now, now])
+    mine = tmp_path / "mine.params"
+    write_parameters({"MC_ROLLRATE_P": "3"}, mine, GROUND_STATION_FORMS["px4"])
+    monkeypatch.setattr("gustproof.studies.rate.filter_tuning.tune_gains", lambda *_, **__: goal)
+    words = ["tune", "iris", "--from", str(mine), "-o", str(tmp_path / "new.params")]
+    result = CliRunner().invoke(app, words)
+    assert f"px4: step {at} is the first that is stable by the model" in result.output
+    assert f"new.params: step {at} of {len(steps)}" in "".join(result.output.splitlines())
 
 
 @pytest.mark.parametrize(
