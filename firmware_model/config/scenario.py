@@ -183,8 +183,13 @@ class Scenario:
 
     @property
     def has_link_script(self) -> bool:
-        """True if the script involves modes, the controller or its link, and so needs a flight over messages."""
+        """True if the script involves modes, the controller or its link."""
         return bool(self.link) or any(isinstance(item, events.ControllerEvent) for item in self.event)
+
+    @property
+    def needs_messages(self) -> bool:
+        """True if the script kills the controller or sets modes: what follows is decided by messages in flight."""
+        return any(isinstance(item, events.ControllerKill | events.ModeChange) for item in self.event)
 
     @property
     def free(self) -> bool:

@@ -127,6 +127,11 @@ class FrameTemplate:
             for number in range(256)
         )
 
+    @property
+    def size(self) -> int:
+        """[bytes] of a frame."""
+        return self._rest_at + len(self._rest) + 2
+
     def make(self, sequence: int, *fields: float) -> bytes:
         """Return the frame with the given sequence number."""
         frame = self._heads[sequence] + self._fields.pack(*fields) + self._rest

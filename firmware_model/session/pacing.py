@@ -40,7 +40,8 @@ MAX_CATCH_UP_US = 250_000
 STALL_US = 50_000
 """[us] Least model time without a set-point after which the vehicle holds its attitude instead of torques or rates."""
 _RESTART_US = 100_000  # least model time of old stamps alone, after which they are those of a clock that was set anew
-_STALL_INTERVALS = 3  # and so many intervals of the stream: a client that sends at 20 Hz does not stall
+STALL_INTERVALS = 3
+"""And so many intervals of the stream: a client that sends at 20 Hz does not stall."""
 _SLIP_REPORT_US = 10_000_000  # least wall time between two reports of a slip
 
 _OFFBOARD = Mode.OFFBOARD  # used several times a sample; looking up an Enum member takes .1 us
@@ -279,7 +280,7 @@ class FlightClock:
         self._stamps_us[type(command)] = command.time_us
         self._behind_us.pop(type(command), None)
         time_us = self._time_us
-        self._stalls_at_us = time_us + max(STALL_US, _STALL_INTERVALS * (time_us - self._accepted_us))
+        self._stalls_at_us = time_us + max(STALL_US, STALL_INTERVALS * (time_us - self._accepted_us))
         self._accepted_us = time_us
         self.autopilot.on_setpoint()
 

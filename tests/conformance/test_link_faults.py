@@ -1,5 +1,6 @@
 """Link faults and events of the controller: lockstep, UDP, and real time on a virtual clock fly the same bits."""
 
+import random
 from dataclasses import replace
 from itertools import groupby
 
@@ -17,7 +18,7 @@ from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
 from firmware_model.session.pacing import TimingFault
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint
-from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.direct import NeedsMessages, fly_direct
 from gustproof.flight.routes.loopback import fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.flight.routes.processes import fly
@@ -278,9 +279,33 @@ def test_free_vehicle_lands_by_script_and_ends_before_it():
     assert infer_outcome(flown[:-1], scenario) is FlightOutcome.CUT_OFF
 
 
-def test_messages_are_needed():
-    with pytest.raises(ValueError, match="must be flown with messages"):
-        fly_direct(delayed(GUSTY, 1, 0), load_law("hinf-scheduled"), vehicle=VEHICLE)
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_what_a_link_does_is_told_before_the_flight_and_flown_without_messages_to_the_same_bits(seed):
+    chance = random.Random(seed)
+    begins = [0.0, 0.3, 0.55]
+    windows = [(begin, begin + chance.choice((0.1, 0.4, 3.0))) for begin in chance.sample(begins, 3)]
+    faults = [replace(each, start_s=begin, stop_s=end) for each in FOUL for begin, end in (chance.choice(windows),)]
+    slow = Bandwidth(kind="bandwidth", rate_bit_s=chance.choice((9e4, 1.3e5)), queue=chance.choice((0, 3, 40)), **UP)
+    hung = ControllerHang(kind="controller_hung", at_s=0.5, for_s=chance.choice((0.01, 0.06, 0.3)))
+    for law in (load_law("hinf-scheduled"), load_law("hinf-rates")):
+        script = replace(GUSTY, duration_s=1.5, link=(*chance.sample(faults, 7), slow), event=(hung,))
+        script = replace(script, delay_samples=chance.choice((0, 3)))
+        flown = fly_direct(script, law, vehicle=VEHICLE, seed=seed)
+        assert flown.tobytes() == loopback(script, law.name, seed=seed).tobytes()
+        assert np.unique(flown["command_age"]).size > 3
+
+
+def test_without_commands_for_a_second_the_mode_changes_and_messages_are_needed():
+    hung = ControllerHang(kind="controller_hung", at_s=0.5, for_s=0.9)
+    flown = fly_direct(replace(GUSTY, event=(hung,)), load_law("flagship"), vehicle=VEHICLE)
+    assert np.nanmax(flown["command_age"]) > 200.0  # it held its attitude
+    for events in (
+        (replace(hung, for_s=1.1),),
+        (KILLED_FOR_A_MOMENT,),
+        (ModeChange(kind="mode", at_s=0.5, mode="land"),),
+    ):
+        with pytest.raises(NeedsMessages, match="must be flown with messages"):
+            fly_direct(replace(GUSTY, event=events), load_law("flagship"), vehicle=VEHICLE)
 
 
 def test_every_mode_of_the_tables_is_one_of_the_autopilots():

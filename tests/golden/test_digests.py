@@ -16,8 +16,7 @@ import pytest
 
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.loopback import fly_loopback
+from gustproof.flight.routes.controllers import fly_here
 from gustproof.flight.scoring.metrics import measure
 from gustproof.law.form import LAWS, list_laws, load_law
 from gustproof.law.write.c import c_unit
@@ -48,8 +47,7 @@ def flights(name: str) -> dict[str, dict[str, str]]:
     for law in map(load_law, list_laws()):
         if law.dt != scenario.dt:
             continue
-        fly = fly_loopback if scenario.has_link_script else fly_direct
-        records = fly(scenario, law, vehicle=vehicle, seed=1)
+        records = fly_here(scenario, law, vehicle=vehicle, seed=1)
         journals[law.name] = digest(records.tobytes())
         for figure, value in asdict(measure(records, vehicle, scenario)).items():
             figures.setdefault(figure, {})[law.name] = value

@@ -10,9 +10,9 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import SCENARIOS, list_scenarios, load_scenario
 from firmware_model.config.vehicle import GRAVITY, load_vehicle
 from gustproof.design.cascades.autotune import autotune_pid
+from gustproof.flight.routes.controllers import fly_here
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.flight import warnings
-from gustproof.flight.routes.loopback import fly_loopback
 from gustproof.flight.scoring.metrics import attitude
 from gustproof.flight.scoring.requirements import judge
 from gustproof.law.form import load_law
@@ -28,8 +28,7 @@ LAWS = {"attitude-steps": "pid-fair", "doublets": "flagship", "large-step": "fla
 def flown(name: str, law: str | None = None, seed: int = 1):
     """Fly a scenario: without messages, unless its script is about them."""
     scenario, law = load_scenario(name), law or LAWS.get(name, "hinf-scheduled")
-    fly = fly_loopback if scenario.has_link_script else fly_direct
-    return fly(scenario, load_law(law), vehicle=OTHERS.get(name, VEHICLE), seed=seed)
+    return fly_here(scenario, load_law(law), vehicle=OTHERS.get(name, VEHICLE), seed=seed)
 
 
 def failures(name: str, law: str | None = None) -> list[str]:

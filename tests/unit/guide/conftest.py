@@ -13,9 +13,9 @@ from gustproof.law.form import Law
 
 
 def _fly_here(plan: FlightPlan, out: Path, **_: Any) -> Flight:
-    """Fly in this process what two processes fly to the same bits; a script of link events needs both."""
+    """Fly in this process what two processes fly to the same bits; a script of modes and kills needs both."""
     scenario, controller, vehicle, seed = plan[:4]
-    if scenario.has_link_script:
+    if scenario.needs_messages:
         return fly_plan(plan, out)
     if isinstance(controller, Law):
         records, outcome = fly_direct(scenario, controller, vehicle=vehicle, seed=seed), FlightOutcome.DONE

@@ -206,9 +206,9 @@ def _fly(plan: "Campaign", output: Path, workers: str | None, *, quiet: bool, sh
         return
     if known_runs:
         print_status(f"{output}: {known_runs:,} of {plan.runs:,} runs are there", quiet=quiet)
-    if plan.scenario.has_link_script:
-        why = f"{plan.scenario.name} has link, mode or controller events"
-        print_status(f"{why}, so each run goes over UDP (about 1 s a run instead of 5 ms)", quiet=quiet)
+    if plan.scenario.needs_messages:
+        why = f"{plan.scenario.name} kills the controller or sets modes"
+        print_status(f"{why}, so each run is flown with messages, some fifty times as long", quiet=quiet)
     title, runs = f"{plan.scenario.name}, {', '.join(law.name for law in plan.laws)}", plan.runs if shard is None else 0
     begun = COMPILING * is_cold(plan.scenario)
 

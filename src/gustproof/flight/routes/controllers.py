@@ -8,12 +8,12 @@ from firmware_model.config.vehicle import Vehicle
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
 from gustproof.flight.controllers.user_controller import Controller, ControllerKind, UserController
-from gustproof.flight.routes.direct import fly_direct, fly_library, fly_stepper
+from gustproof.flight.routes.direct import NeedsMessages, fly_direct, fly_library, fly_stepper
 from gustproof.flight.routes.flight import Flight, by_kind
 from gustproof.flight.routes.loopback import fly_by_messages, fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.flight.routes.processes import fly
-from gustproof.law.form import find_vehicle
+from gustproof.law.form import Law, find_vehicle
 from gustproof.types import Records
 
 _Flown = tuple[Records, FlightOutcome, str]
@@ -72,16 +72,30 @@ def _fly(scenario: Scenario, controller: Controller, vehicle: Vehicle, seed: int
             return flight.records, flight.outcome, flight.message
     if isinstance(controller, UserController):
         return _fly_user_controller(scenario, controller, vehicle, seed, nominal)
-    route = fly_loopback if scenario.has_link_script else fly_direct
-    return _end(scenario, route(scenario, controller, vehicle=vehicle, seed=seed), None)
+    return _end(scenario, fly_here(scenario, controller, vehicle=vehicle, seed=seed), None)
+
+
+def fly_here(scenario: Scenario, law: Law, *, vehicle: Vehicle, seed: int = 1) -> Records:
+    """Fly a law in this process, without messages where the script needs none; return the records (n,)."""
+    try:
+        return fly_direct(scenario, law, vehicle=vehicle, seed=seed)
+    except NeedsMessages:
+        return fly_loopback(scenario, law, vehicle=vehicle, seed=seed)
 
 
 def _fly_user_controller(
     scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle
 ) -> _Flown:
-    if scenario.has_link_script:
+    try:
+        return _fly_without_messages(scenario, entry, vehicle, seed, nominal)
+    except NeedsMessages:
         made = make_stepper(entry, nominal, scenario.dt)
         return _end(scenario, *fly_by_messages(scenario, made, vehicle=vehicle, seed=seed))
+
+
+def _fly_without_messages(
+    scenario: Scenario, entry: UserController, vehicle: Vehicle, seed: int, nominal: Vehicle
+) -> _Flown:
     if entry.kind is ControllerKind.LIBRARY and not (library := load_library(entry)).is_single:
         records, fault = fly_library(scenario, library, vehicle=vehicle, seed=seed)
         failure = StepError(StepFault.NOT_FINITE, f"controller '{entry.name}': commanded {fault}") if fault else None

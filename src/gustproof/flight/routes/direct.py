@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.autopilot.parameters import published_hover, published_limit
+from firmware_model.autopilot.parameters import Parameters, published_hover, published_limit
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.mavlink.messages import imu_template, rate_template, torque_template
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
+from firmware_model.session.link_schedule import BEGINS_TO_HOLD, IN_TRIM, LinkSchedule, link_schedule
 from firmware_model.sim import inner_loop
+from firmware_model.sim.layout import X_STABILIZER
 from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
 from gustproof.flight.controllers.library import Library, call_step
@@ -24,6 +27,7 @@ from gustproof.law.references import references
 from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
+_MESSAGES = "must be flown with messages"
 
 
 class _DirectFlight(NamedTuple):
@@ -63,6 +67,12 @@ class _DirectFlight(NamedTuple):
     """(3,) [N*m or rad/s] B."""
     work: Array
     """(n,) next states of the law."""
+    schedule: LinkSchedule
+    """Samples that the law steps with, and commands that act."""
+    commands: Array
+    """(n, SETPOINT_WIDTH) latest commands; that of sample k stands at k modulo n."""
+    held: Array
+    """(SETPOINT_WIDTH,) attitude to hold where commands have stopped."""
     ring: Array
     """(delay + 1, SETPOINT_WIDTH) latest set-points."""
     records: Array
@@ -85,8 +95,10 @@ def fly_direct(
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's, the reference has another shape, or the script needs messages.
-        If a reference is not finite, or no vehicle is known.
+        If the law's sample time is not the scenario's, or the reference has another shape. If a reference is not
+        finite, or no vehicle is known.
+    NeedsMessages
+        If the script kills the controller, sets modes, or loses the stream of commands.
 
     Examples
     --------
@@ -95,7 +107,7 @@ def fly_direct(
     >>> (records["q_NB"].shape, float(records["time_us"][1]))
     ((2500, 4), 4000.0)
     """
-    check_compatible(scenario, law)
+    _check_rate(scenario, law)
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
@@ -116,9 +128,11 @@ def fly_library(
     Raises
     ------
     ValueError
-        If its sample time is not the scenario's, the script needs messages, or it is in single precision.
+        If its sample time is not the scenario's, or it is in single precision.
+    NeedsMessages
+        If the script needs messages, see `fly_direct`.
     """
-    check_compatible(scenario, library)
+    _check_rate(scenario, library)
     if library.is_single:
         raise ValueError(f"law '{library.name}' is in single precision, must be called from Python")
     flight = _make_flight(scenario, vehicle, seed, library)._replace(step=library.step)
@@ -137,10 +151,10 @@ def fly_stepper(
 
     Raises
     ------
-    ValueError
-        If the script needs messages.
+    NeedsMessages
+        If the script needs messages, see `fly_direct`.
     """
-    check_compatible(scenario, stepper)
+    _check_rate(scenario, stepper)
     flight = _make_flight(scenario, vehicle, seed, stepper)
     params, state, ring, sample_us = flight.params, flight.state, flight.ring, flight.sample_us
     late, k = len(ring), 0
@@ -149,10 +163,12 @@ def fly_stepper(
             stepper.reset()
             for k, record in enumerate(flight.records):
                 observe(params, state, flight.waves, flight.replay, flight.changes, flight.mix, k, sample_us, record)
-                # Copies: the controller may keep or change what it gets.
-                gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
-                flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
-                _pack_command(flight, ring[k % late])
+                if flight.schedule.taken[k]:
+                    # Copies: the controller may keep or change what it gets.
+                    gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
+                    flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
+                    _pack_command(flight, k)
+                _choose_setpoint(flight, k)
                 advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
     except StepError as failure:
         return as_records(flight.records[:k]), failure
@@ -165,10 +181,13 @@ def _make_flight(
     """Return a flight that has not begun; its reference is the scenario's."""
     terms = sparse_law(controller) if isinstance(controller, Law) else no_law()
     sim, torque = initial_state(vehicle, scenario, seed), controller.output is Output.TORQUE
+    schedule, delay = _find_schedule(scenario, vehicle, seed, torque=torque), scenario.delay_samples
     records = np.full((scenario.samples, record_type(vehicle.rotors.count).itemsize // 8), np.nan)
-    records[scenario.delay_samples :, _AGE] = scenario.delay_samples
+    records[delay:, _AGE] = (np.arange(scenario.samples) - _stamps(schedule.acting, delay))[delay:]
     records[:, _MODE] = Mode.OFFBOARD.value
-    ring = np.zeros((scenario.delay_samples + 1, inner_loop.SETPOINT_WIDTH))
+    lag = np.arange(scenario.samples) - schedule.acting
+    commands = np.zeros((1 + max(lag[schedule.acting >= 0], default=0), inner_loop.SETPOINT_WIDTH))
+    ring = np.zeros((delay + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
     return _DirectFlight(
         sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, terms, 0,
@@ -176,30 +195,79 @@ def _make_flight(
         thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
         z=np.zeros(vector_size(terms, controller.order)), command=np.zeros(3), work=np.zeros(controller.order),
-        ring=ring, records=records,
+        schedule=schedule, commands=commands, held=np.zeros(inner_loop.SETPOINT_WIDTH), ring=ring, records=records,
     )  # fmt: skip
 
 
-def check_compatible(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
-    """Check that a law can fly a scenario without messages.
+def _find_schedule(scenario: Scenario, vehicle: Vehicle, seed: int, *, torque: bool) -> LinkSchedule:
+    """Return what the script's link does to the flight.
+
+    Raises
+    ------
+    NeedsMessages
+        If that is decided in flight.
+    """
+    template = (torque_template if torque else rate_template)(1)
+    sizes = imu_template(1).size, template.size
+    timeout_us = Parameters(vehicle, scenario).settings().stream_timeout_us
+    schedule = link_schedule(scenario, seed, sizes, timeout_us)
+    if schedule is None:
+        raise NeedsMessages(f"scenario '{scenario.name}' loses its controller or scripts modes, {_MESSAGES}")
+    return schedule
+
+
+def _stamps(acting: NDArray[np.int64], delay: int) -> Array:
+    """Return the number of the sample whose command's stamp each acting set-point has; NaN where it has none."""
+    come = np.maximum.accumulate(acting)  # a held attitude has the stamp of the last command
+    stamps = np.where(come >= 0, come, np.nan)
+    return np.concatenate([np.full(delay, np.nan), stamps[: len(stamps) - delay]])
+
+
+class NeedsMessages(ValueError):
+    """A script that must be flown with messages: its effect on the controller is decided in flight."""
+
+
+def check_compatible(scenario: Scenario, law: Law | Library) -> None:
+    """Check that a law can fly a scenario side by side with other flights.
 
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's, or the script needs messages.
+        If the law's sample time is not the scenario's.
+    NeedsMessages
+        If the script says what the link does: each flight's own.
     """
     if scenario.has_link_script:
-        raise ValueError(f"scenario '{scenario.name}' scripts link, controller or modes, must be flown with messages")
+        raise NeedsMessages(f"scenario '{scenario.name}' scripts link, controller or modes, {_MESSAGES}")
+    _check_rate(scenario, law)
+
+
+def _check_rate(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
     if law.dt not in (None, scenario.dt):
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
 
 
 @kernel
-def _pack_command(flight: _DirectFlight, setpoint: Array) -> None:
-    """Write the command and thrust of the sample as a set-point, as they are on the wire; see `sim.inner_loop`."""
+def _pack_command(flight: _DirectFlight, sample: int) -> None:
+    """Write the command and thrust of a sample as a set-point, as they are on the wire; see `sim.inner_loop`."""
+    setpoint = flight.commands[sample % flight.commands.shape[0]]
     setpoint[0], setpoint[inner_loop.THRUST] = flight.kind, flight.thrust
     for i in range(3):
         setpoint[1 + i] = min(max(float32(flight.command[i] / flight.scale[i]), -flight.bound), flight.bound)
+
+
+@kernel
+def _choose_setpoint(flight: _DirectFlight, sample: int) -> None:
+    """Write the set-point of a sample: the command that acts, the trim, or the attitude that the vehicle estimates."""
+    acting, held, chosen = flight.schedule.acting[sample], flight.held, flight.ring[sample % flight.ring.shape[0]]
+    if acting == BEGINS_TO_HOLD:
+        held[0], held[inner_loop.THRUST] = inner_loop.ATTITUDE, flight.thrust
+        for i in range(4):
+            held[1 + i] = flight.state[X_STABILIZER + i]
+    for i in range(chosen.size):
+        chosen[i] = flight.commands[acting % flight.commands.shape[0], i] if acting >= 0 else held[i]
+    if acting == IN_TRIM:
+        chosen[0] = inner_loop.TRIM
 
 
 @compiled
@@ -211,16 +279,18 @@ def _fly(flight: _DirectFlight) -> int:
     for k in range(records.shape[0]):
         record = records[k]
         observe_kernel(params, state, flight.waves, flight.replay, flight.changes, mix, k, sample_us, record)
-        for i in range(3):
-            z[n + i] = record[GYRO_B + i]
-            z[n + 3 + i] = flight.reference[k, i]
-            z[n + FORCE + i] = record[FORCE_B + i]
-        if flight.step != 0:
-            call_step(flight.step, z, z[n:], command)
-            if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
-                return k
-        else:
-            law_kernel(flight.law, z, command, flight.work)
-        _pack_command(flight, ring[k % late])
+        if flight.schedule.taken[k]:
+            for i in range(3):
+                z[n + i] = record[GYRO_B + i]
+                z[n + 3 + i] = flight.reference[k, i]
+                z[n + FORCE + i] = record[FORCE_B + i]
+            if flight.step != 0:
+                call_step(flight.step, z, z[n:], command)
+                if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
+                    return k
+            else:
+                law_kernel(flight.law, z, command, flight.work)
+            _pack_command(flight, k)
+        _choose_setpoint(flight, k)
         advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
     return int(records.shape[0])

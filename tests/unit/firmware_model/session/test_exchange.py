@@ -18,7 +18,7 @@ from firmware_model.mavlink.messages import CONTROLLER, command_message, parse_c
 from firmware_model.mavlink.wire import make_line
 from firmware_model.process import udp
 from firmware_model.process.tlog import Tlog
-from firmware_model.session.exchange import _read_setpoint, read_command
+from firmware_model.session.exchange import _read_setpoint, fly_samples, load_exchange, read_command
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.inner_loop import RATES, SETPOINT_WIDTH, TORQUE
 from firmware_model.sim.vehicle_loop import LoopArrays
@@ -168,6 +168,21 @@ def test_anything_else_is_left_as_it_came_and_means_what_it_always_did(sockets, 
         flight.say(strange)
         told.append((flight.rows, flight.hear(), flight.endpoint.links, flight.endpoint.counters))
     assert told[0] == told[1]
+
+
+def test_a_call_ends_after_its_turns_and_reads_no_further(sockets):
+    flight = Flight(*sockets)
+    load_exchange(flight.endpoint.loop)
+    for sample in (1, 2, 3):
+        flight.client.sendto(flight.pack(flight.command(sample)), flight.bound.getsockname())
+    begun = flight.endpoint.begin_exchange()
+    assert begun is not None
+    fly_samples(flight.bound.fileno(), begun._replace(turns=2))
+    assert (begun.line.turns, begun.line.left) == (2, None)
+    flight.endpoint.end_exchange(begun, 0)
+    line = flight.endpoint.exchange(flight.bound.fileno(), lambda: 0)
+    assert line is not None
+    assert (line.turns, flight.endpoint.loop.sample) == (1, 4)
 
 
 def test_another_peer_is_heard_and_gets_no_sample(sockets):
