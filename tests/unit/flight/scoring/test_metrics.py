@@ -8,6 +8,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
+from gustproof.flight.scoring import metrics
 from gustproof.flight.scoring.metrics import Metrics, angle_share, attitude, measure, median_metrics, peak_rate
 
 VEHICLE, SCENARIO = load_vehicle("paper"), load_scenario("paper")
@@ -111,6 +112,15 @@ def test_turning_past_90_degrees_leaves_the_bounds(axis, end_deg):
 def test_no_share_of_an_angle_is_over_the_angle():
     angles = (0.0, *np.geomspace(1e-300, math.pi, 5000).tolist())
     assert all(angle_share(angle) <= angle and angle_share(-angle) <= angle for angle in angles)
+
+
+def test_figures_of_a_flight_in_blocks_are_those_of_the_whole(monkeypatch):
+    records = flight()
+    records["q_NB"] = turned(2, np.linspace(0.0, 30.0, 1000))
+    records["torque_command_B"][:, 0] = np.sin(0.1 * np.arange(1000.0))
+    whole = figures(records)
+    monkeypatch.setattr(metrics, "record_blocks", lambda each: np.array_split(each, 3))
+    assert figures(records) == whole
 
 
 def test_one_record_is_refused():

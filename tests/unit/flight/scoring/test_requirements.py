@@ -15,6 +15,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.recording.journal import RECORD
 from gustproof.airframe.lpv import PARAMETERS, scheduling_parameters
+from gustproof.flight.scoring import requirements
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import RequirementResult, judge, reads_share, requirement_label, verdict
 
@@ -60,6 +61,15 @@ def test_the_whole_flight_gives_the_figures_of_every_flight():
         for name in ("peak", "rmse"):
             value = judged(records, metric=f"{name}_deg", axis=axis).value
             assert value == pytest.approx(getattr(figures, f"{name}_{axis}_deg"), rel=ROUNDING)
+
+
+def test_a_flight_in_blocks_is_judged_as_the_whole(monkeypatch):
+    records, scenario = excursion(300, 400), replace(SCENARIO, event=(STEP,))
+    tables = [{"metric": "peak_deg", "axis": axis, "from_s": 1.5} for axis in ("pitch", "yaw")]
+    tables.append({"metric": "settling_s", "axis": "yaw", "within_deg": 1.0})
+    whole = [judged(records, scenario, **table).value for table in tables]
+    monkeypatch.setattr(requirements, "record_blocks", lambda each: np.array_split(each, 3))
+    assert [judged(records, scenario, **table).value for table in tables] == whole == pytest.approx([10.0, 2.0, 1.6])
 
 
 @pytest.mark.parametrize("axis", range(3))
