@@ -105,11 +105,14 @@ class JournalWriter:
         self._used = 0
 
     def append(self, record: NDArray[np.float64] | Sequence[float]) -> None:
-        """Append the numbers of one record, (WIDTH,) of a `RECORD`."""
-        self._block[self._used] = record
-        self._used += 1
-        if self._used == len(self._block):
-            self.flush()
+        """Append the numbers of one record, (WIDTH,) of a `RECORD`, or of several, (n, WIDTH)."""
+        rows = np.atleast_2d(record)
+        while len(rows):
+            taken = rows[: len(self._block) - self._used]
+            self._block[self._used : self._used + len(taken)] = taken
+            self._used, rows = self._used + len(taken), rows[len(taken) :]
+            if self._used == len(self._block):
+                self.flush()
 
     def flush(self) -> None:
         """Hand all records so far to the operating system."""

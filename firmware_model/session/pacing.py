@@ -79,7 +79,10 @@ class TimingFault(Enum):
 
 
 class FlightClock:
-    """Clock of one flight, from first to last sample; the caller owns time and wire."""
+    """Clock of one flight, from first to last sample; the caller owns time and wire.
+
+    `record` is called with the journal's record of each sample, (numbers,), or with those of several, (n, numbers).
+    """
 
     def __init__(
         self,
@@ -249,8 +252,7 @@ class FlightClock:
     def continue_after(self, records: NDArray[np.float64], command: Command, now_us: int) -> None:
         """Go on after samples that machine code has flown, each on the answer to it, the last one on `command`."""
         self.loop.continue_after(len(records))
-        for record in records:
-            self._record(record)
+        self._record(records)
         if len(records) > 1:
             self._time_us += (len(records) - 1) * self._sample_us
             self._accepted_us = self._time_us - self._sample_us

@@ -93,7 +93,11 @@ class Pair:
         self.said: list[tuple[bytes, tuple]] = []
         scenario = replace(load_scenario("paper-turbulence"), duration_s=1.0)
         self.vehicle = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda row: self.rows.append(row.tobytes()), lockstep=True
+            load_vehicle("paper"),
+            scenario,
+            1,
+            lambda records: self.rows.extend(row.tobytes() for row in np.atleast_2d(records)),
+            lockstep=True,
         )
         self.controller = ControllerEndpoint(load_law(law), VEHICLE)
         self.now_us = 0

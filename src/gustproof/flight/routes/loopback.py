@@ -94,7 +94,9 @@ def _exchange(samples: SampleTurns, answers: LawTurns) -> None:
 
 def _fly(scenario: Scenario, law: Flown, vehicle: Vehicle, seed: int, rows: list[Array]) -> StepError | None:
     """Fly, append each record to `rows`, and return the failure of a user's controller, which ends the flight."""
-    autopilot = VehicleEndpoint(vehicle, scenario, seed, lambda row: rows.append(row.copy()), lockstep=True)
+    autopilot = VehicleEndpoint(
+        vehicle, scenario, seed, lambda records: rows.extend(np.atleast_2d(records).copy()), lockstep=True
+    )
     controller, peer = ControllerEndpoint(law, _VEHICLE, references=scenario.references), _CONTROLLER
     kill = kill_schedule(scenario)
     now_us = 0

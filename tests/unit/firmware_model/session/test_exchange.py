@@ -36,7 +36,11 @@ class Flight:
         self.rows: list[bytes] = []
         scenario = replace(load_scenario("paper-turbulence"), duration_s=0.2, delay_samples=delay)
         self.endpoint = VehicleEndpoint(
-            load_vehicle("paper"), scenario, 1, lambda row: self.rows.append(row.tobytes()), lockstep=True
+            load_vehicle("paper"),
+            scenario,
+            1,
+            lambda records: self.rows.extend(row.tobytes() for row in np.atleast_2d(records)),
+            lockstep=True,
         )
         self.packer = wire.MAVLink(None, 1, CONTROLLER)
         self.peer = 0, client.getsockname()
