@@ -44,6 +44,7 @@ START_TIMEOUT_US = 60_000_000
 """[us] Wall time that a lockstep flight waits for its first command."""
 _MAX_BATCH = 250  # samples flown in one poll at most, so that heartbeats and Ctrl-C need not wait
 
+_MOST_UNWRITTEN_US = 800_000  # model time in one call of machine code, whose records are in memory alone
 _WARN_AGAIN_US = 5_000_000  # [us] least time between two equal warnings
 
 _WAIT, _ADVANCE = NextAction.WAIT, NextAction.ADVANCE  # looking up an Enum member takes .1 us
@@ -71,7 +72,7 @@ class VehicleEndpoint:
     """One vehicle, `interactive` or in one scripted flight: pass it datagrams and the time, send what it returns.
 
     It is the `VehicleContext` of its services. Set `flush` to a function that flushes the journal; it is called when an
-    event of the script begins.
+    event of the script begins, and before machine code flies.
     """
 
     def __init__(
@@ -125,6 +126,7 @@ class VehicleEndpoint:
         self._exchanges = lockstep and not linked and signing is None
         self._line: tuple[tuple[Address, bool], LockstepLine] | None = None
         self._last, self._sample_us = scenario.samples - 1, scenario.sample_us
+        self._most_turns = max(min(_MOST_UNWRITTEN_US // scenario.sample_us, MOST_TURNS), 1)
         self._records = np.empty((MOST_TURNS, self.loop.record().size))
 
     def interrupt(self) -> None:
@@ -238,7 +240,10 @@ class VehicleEndpoint:
         return begun.line
 
     def begin_exchange(self) -> SampleTurns | None:
-        """Return what `fly_samples` needs; `None` if anything but set-points and samples is due. Then end it."""
+        """Return what `fly_samples` needs; `None` if anything but set-points and samples is due. Then end it.
+
+        All earlier records are handed to the operating system first: a crash loses less than a second of them.
+        """
         commander, loop = self._commander, self.loop
         if commander is None or (turns := self._count_turns(commander)) <= 0:
             return None
@@ -247,11 +252,12 @@ class VehicleEndpoint:
             taken = (messages.torque_template if torque else messages.rate_template)(self.system).buffer()
             line = make_line(taken, messages.imu_template(self.system).buffer(), commander.address[1])
             self._line = (commander.address, torque), line
+        self.flush()
         line, channel = self._line[1], commander.channel
         line.begin(channel.next_from((self.system, messages.CONTROLLER)), channel.packer.seq)
         kind, mode = TORQUE if torque else RATES, self.autopilot.mode.value
         return SampleTurns(
-            min(turns, MOST_TURNS), kind, mode, loop.sample, self._sample_us, loop.arrays(), line, self._records
+            min(turns, self._most_turns), kind, mode, loop.sample, self._sample_us, loop.arrays(), line, self._records
         )
 
     def end_exchange(self, begun: SampleTurns, now_us: int) -> None:
