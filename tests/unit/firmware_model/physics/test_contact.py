@@ -139,6 +139,17 @@ def test_each_limit_of_rest_holds_up_to_its_value(limit, share):
     assert is_at_rest(slippery, STANDING._replace(**changes), force, moment) is (share < 1.0)
 
 
+def test_it_rests_only_while_all_four_feet_press_whichever_way_it_leans():
+    rng, rested = np.random.default_rng(2), 0
+    light = PARAMS._replace(friction=10.0)
+    for _ in range(400):
+        body = a_body(standing_height(VEHICLE) + rng.uniform(-0.01, 0.0), tuple(rng.normal(0.0, 0.02, 3).tolist()))
+        press = bool((heights(body)[:4] < 0.0).all())
+        assert bool(is_at_rest(light, body, ZERO, ZERO)) is press
+        rested += press
+    assert 50 < rested < 350
+
+
 @pytest.mark.parametrize("moving", ["velocity_N", "omega_B"])
 def test_what_moves_at_two_hundredths_rests_and_any_faster_does_not(moving):
     for speed, resting in ((0.02, True), (math.nextafter(0.02, 1.0), False)):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink.channel import Channel
@@ -187,6 +188,16 @@ def test_a_call_ends_after_its_turns_and_reads_no_further(sockets):
     line = flight.endpoint.exchange(flight.bound.fileno(), lambda: 0)
     assert line is not None
     assert (line.turns, flight.endpoint.loop.sample) == (1, 4)
+
+
+def test_a_record_has_the_mode_of_now_whatever_was_flown_before(sockets):
+    flight = Flight(*sockets)
+    flight.client.sendto(flight.pack(flight.command(1)), flight.bound.getsockname())
+    begun = flight.endpoint.begin_exchange()
+    assert begun is not None
+    begun.loop.record[-1] = Mode.HOLD.value  # of the samples before OFFBOARD
+    fly_samples(flight.bound.fileno(), begun)
+    assert begun.records[0, -1] == Mode.OFFBOARD.value
 
 
 def test_another_peer_is_heard_and_gets_no_sample(sockets):
