@@ -11,6 +11,8 @@ from firmware_model.config.vehicle import Accelerometer, Vehicle, load_vehicle
 from firmware_model.numerics.elementary import normals
 from firmware_model.physics.sensors import AccelerometerParams, GyroParams, measure_accelerometer, measure_gyro
 from firmware_model.recording.journal import RECORD
+from firmware_model.sim.fault_schedule import initial_plant
+from firmware_model.sim.state import _gyro_params
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
 
@@ -85,6 +87,16 @@ def test_the_accelerometers_noise_is_the_density_at_every_rate(rate_hz: int) -> 
     noise = records["specific_force_B"][:, 2] - records["specific_force_B"][:, 2].mean()
     # five standard errors of a standard deviation
     assert noise.std() == pytest.approx(sigma, rel=5.0 / math.sqrt(2.0 * len(records)))
+
+
+@pytest.mark.parametrize("rate_hz", [125, 250, 1000])
+def test_the_gyros_noise_is_stated_for_250_hz_and_grows_with_the_root_of_the_rate(rate_hz: int) -> None:
+    now, usual = (
+        _gyro_params(initial_plant(AIRFRAME, scenario), scenario)
+        for scenario in (replace(CALM, control_rate_hz=rate) for rate in (rate_hz, 250))
+    )
+    assert now.sigma + now.ratio == pytest.approx((usual.sigma + usual.ratio) * math.sqrt(rate_hz / 250.0), rel=1e-14)
+    assert now.sigma + now.ratio > 0.0
 
 
 def test_bias_is_of_the_vehicle_and_of_the_scenario() -> None:

@@ -88,4 +88,5 @@ def test_air_that_the_model_does_not_have_is_refused(wrong) -> None:
     with pytest.raises(ValueError, match="must be positive, and altitude at most"):
         low_altitude_spectrum(**{"wind_speed_20ft": 5.0, "altitude": 10.0, "span": 0.5, **wrong})
     assert low_altitude_spectrum(5.0, 0.0, 0.5).L_w == pytest.approx(3.048)  # below 10 ft it counts as 10 ft
+    assert low_altitude_spectrum(5.0, 1000.0 * gust_filters.FOOT, 0.5).L_w == pytest.approx(304.8)
     assert isinstance(stationary_state(((0.0,) * 8,) * 8, (1.0,) * 8), DrydenState)
