@@ -574,6 +574,10 @@ def test_samples_on_a_socket_are_answered_up_to_what_is_not_the_next_one(odd, mi
     assert endpoint.channel.dropped == ({dropped: 1} if dropped else {})
 
 
+def test_before_it_flies_nothing_is_exchanged(sockets):
+    assert Autopilot().endpoint.exchange(sockets[0].fileno(), lambda: 0) is None
+
+
 def test_without_a_datagram_nothing_is_answered_and_nothing_left(sockets):
     autopilot = on_wire(sockets)
     line = autopilot.endpoint.exchange(sockets[0].fileno(), lambda: 0)
