@@ -24,6 +24,7 @@ from firmware_model.external.client import ExternalClient
 from firmware_model.external.flight import ExternalFlight
 from firmware_model.external.interface import ExternalError, ExternalOptions, ExternalOutcome, ExternalProcess
 from firmware_model.external.world import World
+from firmware_model.mavlink.wire import LARGEST_DATAGRAM
 from firmware_model.process import realtime, udp
 from firmware_model.process.exit_on_eof import exit_on_stdin_eof
 from firmware_model.process.interrupts import call_on_interrupt
@@ -36,7 +37,6 @@ from firmware_model.types import LevelFlight
 
 _EXIT_FAILED, _EXIT_BAD_INPUT = 3, 2
 _COMMAND_WAITS = 20
-_MAX_DATAGRAM = 65_535  # bytes
 _DATAGRAMS = 1000  # of one exchange at most; a flood must not stop the flight
 
 
@@ -180,7 +180,7 @@ def _receive(endpoint: udp.Endpoint, bound: socket.socket, now_us: int) -> None:
     """Pass on all waiting datagrams."""
     for _ in range(_DATAGRAMS):
         try:
-            datagram, address = bound.recvfrom(_MAX_DATAGRAM)
+            datagram, address = bound.recvfrom(LARGEST_DATAGRAM)
         except BlockingIOError:
             break
         except OSError:  # an ICMP error for an earlier datagram

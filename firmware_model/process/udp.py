@@ -13,10 +13,9 @@ from typing import Protocol
 
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Address, RejectReason
-from firmware_model.mavlink.wire import LockstepLine
+from firmware_model.mavlink.wire import LARGEST_DATAGRAM, LockstepLine
 
 _yield_core = getattr(os, "sched_yield", None) or (lambda: time.sleep(0.0))  # not every system has it
-_MAX_DATAGRAM = 65_535  # bytes, the largest UDP datagram
 _SPIN_WAIT_US = 200  # lockstep answers in less; sleeping and waking take as long as the answer itself
 _SLEEP_CYCLES = 100  # waits; on a busy machine a spin in vain can cost ms and must be rare
 _DRAIN_CYCLES = 16  # cycles; a check for more datagrams costs a call, and in lockstep there are never more
@@ -212,7 +211,7 @@ def _exchange(bound: socket.socket, peer: tuple[str, int] | None, exchange: Exch
     line = exchange(bound.fileno(), _now_us)
     if line is not None and (left := line.left):
         return left
-    return (bound.recv(_MAX_DATAGRAM), peer) if peer else bound.recvfrom(_MAX_DATAGRAM)
+    return (bound.recv(LARGEST_DATAGRAM), peer) if peer else bound.recvfrom(LARGEST_DATAGRAM)
 
 
 def _send(datagrams: Sequence[tuple[bytes, Address]], sockets: Sequence[socket.socket]) -> None:
@@ -255,7 +254,7 @@ class _Inbox:
         """Read up to `most` datagrams that wait in a socket, and pass on up to `share` of each peer."""
         for _ in range(most):
             try:
-                datagram, address = ready.recvfrom(_MAX_DATAGRAM, socket.MSG_DONTWAIT)
+                datagram, address = ready.recvfrom(LARGEST_DATAGRAM, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
             except OSError:  # a damaged datagram, or an ICMP error for an earlier one

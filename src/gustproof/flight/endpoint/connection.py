@@ -12,13 +12,13 @@ from pymavlink.dialects.v20 import all as wire
 from firmware_model.errors import ConfigError
 from firmware_model.mavlink.frames import Frame, parse
 from firmware_model.mavlink.messages import AUTOPILOT
+from firmware_model.mavlink.wire import LARGEST_DATAGRAM
 from firmware_model.process import access, tcp, udp
 from gustproof.flight.endpoint.endpoint import ControllerEndpoint
 
 # PX4's simulation listens on 14580 + instance. It sends to 14540 + instance unless another port sends to it first; then
 # it sends to that one until it ends.
 _PX4_PORTS, _PX4_OFFSET = range(14580, 14590), -40
-_LARGEST_DATAGRAM = 65_535
 
 
 class Target(NamedTuple):
@@ -97,7 +97,7 @@ def _await_autopilot(endpoint: ControllerEndpoint, bound: socket.socket) -> tupl
             return None
         bound.settimeout(max(endpoint.deadline_us() * 1e-6 - time.monotonic(), 1e-3))
         with suppress(OSError):
-            datagram, (host, port) = bound.recvfrom(_LARGEST_DATAGRAM)
+            datagram, (host, port) = bound.recvfrom(LARGEST_DATAGRAM)
             if any(isinstance(frame, Frame) and _is_autopilot(frame) for frame in parse(datagram)):
                 endpoint.vehicle = (0, (host, port))
                 return host, port

@@ -6,6 +6,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
+from firmware_model.mavlink.wire import LARGEST_DATAGRAM
+
 _TIMEOUT_S = 0.2
 
 
@@ -32,7 +34,7 @@ class AutopilotLink:
     def listen(self) -> list[Any]:
         """Return the messages of the next datagram; none if it does not come or is damaged."""
         with contextlib.suppress(TimeoutError, wire.MAVError):
-            datagram, self._address = self._socket.recvfrom(65_535)
+            datagram, self._address = self._socket.recvfrom(LARGEST_DATAGRAM)
             return self._mav.parse_buffer(datagram) or []
         return []
 
