@@ -150,7 +150,7 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         # Load or compile the machine code before a peer waits for it.
         _tell_compiling(silent=options.json or not interactive)
         load_step(vehicle, scenario, options.seed)
-        if options.lockstep:
+        if endpoint.exchanges:
             load_exchange(endpoint.loop)
         realtime.freeze_gc(off=not interactive)
         _announce(options, _names(options, scenario, vehicle), sockets, remote_ports)

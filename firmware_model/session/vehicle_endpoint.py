@@ -123,7 +123,8 @@ class VehicleEndpoint:
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
         self._announced_state: tuple[Mode, bool, bool] | None = None
-        self._exchanges = lockstep and not linked and signing is None
+        self.exchanges = lockstep and not linked and signing is None
+        """True if machine code may fly its samples, see `exchange`."""
         self._line: tuple[tuple[Address, bool], LockstepLine] | None = None
         self._last, self._sample_us = scenario.samples - 1, scenario.sample_us
         self._most_turns = max(min(_MOST_UNWRITTEN_US // scenario.sample_us, MOST_TURNS), 1)
@@ -273,7 +274,7 @@ class VehicleEndpoint:
     def _count_turns(self, commander: Peer) -> int:
         """Return for how many samples nothing but set-points and samples is due."""
         flight = self.flight
-        if not (self._exchanges and flight.is_awaiting_peer() and commander.is_samples_only):
+        if not (self.exchanges and flight.is_awaiting_peer() and commander.is_samples_only):
             return 0
         if flight.answered or flight.paused or commander.channel.is_version_1:
             return 0
