@@ -56,6 +56,24 @@ LOST, CROWDED_OUT = 0, -1
 MOST_COPIES = 2
 """Copies of a datagram that arrive, at most."""
 
+IN_TRIM, BEGINS_TO_HOLD, HOLDS = -1, -2, -3
+"""In place of the number of a sample: no command has come; they stopped, so the attitude is held from this sample on,
+or from an earlier one."""
+
+
+class LinkSchedule(NamedTuple):
+    """Samples that a law steps with, and commands that act."""
+
+    taken: NDArray[np.bool_]
+    """(samples,) true for a sample with which the law steps."""
+    acting: NDArray[np.int64]
+    """(samples,) sample whose command is the set-point of each, or `IN_TRIM`, `BEGINS_TO_HOLD`, `HOLDS`."""
+
+
+def answered_at_once(samples: int) -> LinkSchedule:
+    """Return the schedule of a flight without a script: each sample's command acts at once."""
+    return LinkSchedule(np.ones(samples, dtype=np.bool_), np.arange(samples))
+
 
 class LinkTables(NamedTuple):
     """The `[[link]]` tables of one direction in arrays, with their random numbers and their memory."""

@@ -12,24 +12,22 @@ from numpy.typing import NDArray
 
 from firmware_model.config.events import ControllerHang
 from firmware_model.config.scenario import Scenario
-from firmware_model.numerics.compiled import compiled
-from firmware_model.session.link import MOST_COPIES, LinkTables, make_tables, pass_datagram
+from firmware_model.numerics.compiled import compiled, kernel
+from firmware_model.session.link import (
+    BEGINS_TO_HOLD,
+    HOLDS,
+    IN_TRIM,
+    MOST_COPIES,
+    LinkSchedule,
+    LinkTables,
+    answered_at_once,
+    make_tables,
+    pass_datagram,
+)
 from firmware_model.session.pacing import STALL_INTERVALS, STALL_US
 from firmware_model.types import NEVER_US
 
-IN_TRIM, BEGINS_TO_HOLD, HOLDS = -1, -2, -3
-"""In place of the number of a sample: no command has come; they stopped, so the attitude is held from this sample on,
-or from an earlier one."""
 Times = NDArray[np.int64]
-
-
-class LinkSchedule(NamedTuple):
-    """Samples that a law steps with, and commands that act."""
-
-    taken: NDArray[np.bool_]
-    """(samples,) true for a sample with which the law steps."""
-    acting: NDArray[np.int64]
-    """(samples,) sample whose command is the set-point of each, or `IN_TRIM`, `BEGINS_TO_HOLD`, `HOLDS`."""
 
 
 class _Sent(NamedTuple):
@@ -48,7 +46,7 @@ def link_schedule(scenario: Scenario, seed: int, sizes: tuple[int, int], timeout
     """
     n = scenario.samples
     if not scenario.has_link_script:
-        return LinkSchedule(np.ones(n, dtype=np.bool_), np.arange(n))
+        return answered_at_once(n)
     if scenario.needs_messages:
         return None
     hangs = [item for item in scenario.event if isinstance(item, ControllerHang)]
@@ -76,12 +74,9 @@ def _in_order(room: Times, count: int) -> _Sent:
 @compiled
 def _send_samples(link: LinkTables, size: int, sample_us: int, samples: int, room: Times) -> int:
     """Send each sample when it is taken; write arrivals and numbers of what arrives, and return its count."""
-    count, arrivals_us = 0, room[0]
+    count = 0
     for k in range(samples):
-        copies = pass_datagram(link, k + 1, size, k * sample_us, arrivals_us[count:])
-        for i in range(max(copies, 0)):
-            room[1, count + i] = k
-        count += max(copies, 0)
+        count = _carry(link, k + 1, size, k * sample_us, k, count, room)
     return count
 
 
@@ -90,7 +85,7 @@ def _answer(
     link: LinkTables, size: int, end_us: int, outages: Times, sent: _Sent, taken: NDArray[np.bool_], room: Times
 ) -> int:
     """Answer each sample that no newer one has overtaken; write arrivals and samples of the answers."""
-    count, number, newest, arrivals_us = 0, 0, -1, room[0]
+    count, number, newest = 0, 0, -1
     for i in range(sent.times.size):
         time_us, k, heard = sent.times[i], sent.samples[i], sent.times[i] < end_us
         for j in range(outages.shape[1]):
@@ -99,11 +94,17 @@ def _answer(
             continue
         newest, number = k, number + 1
         taken[k] = True
-        copies = pass_datagram(link, number, size, time_us, arrivals_us[count:])
-        for j in range(max(copies, 0)):
-            room[1, count + j] = k
-        count += max(copies, 0)
+        count = _carry(link, number, size, time_us, k, count, room)
     return count
+
+
+@kernel
+def _carry(link: LinkTables, number: int, size: int, now_us: int, sample: int, count: int, room: Times) -> int:
+    """Send a datagram of a sample; write what arrives behind the `count` that did before, and return their count."""
+    copies = max(pass_datagram(link, number, size, now_us, room[0, count:]), 0)
+    for i in range(copies):
+        room[1, count + i] = sample
+    return count + copies
 
 
 @compiled

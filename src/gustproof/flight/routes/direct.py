@@ -10,11 +10,10 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import Parameters, published_hover, published_limit
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.mavlink.messages import imu_template, rate_template, torque_template
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
-from firmware_model.session.link_schedule import BEGINS_TO_HOLD, IN_TRIM, LinkSchedule, link_schedule
+from firmware_model.session.link import BEGINS_TO_HOLD, IN_TRIM, LinkSchedule, answered_at_once
 from firmware_model.sim import inner_loop
 from firmware_model.sim.layout import X_STABILIZER
 from firmware_model.sim.state import Array, initial_state
@@ -186,7 +185,7 @@ def _make_flight(
     records[delay:, _AGE] = (np.arange(scenario.samples) - _stamps(schedule.acting, delay))[delay:]
     records[:, _MODE] = Mode.OFFBOARD.value
     lag = np.arange(scenario.samples) - schedule.acting
-    commands = np.zeros((1 + max(lag[schedule.acting >= 0], default=0), inner_loop.SETPOINT_WIDTH))
+    commands = np.zeros((1 + lag[schedule.acting >= 0].max(initial=0), inner_loop.SETPOINT_WIDTH))
     ring = np.zeros((delay + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
     return _DirectFlight(
@@ -207,6 +206,12 @@ def _find_schedule(scenario: Scenario, vehicle: Vehicle, seed: int, *, torque: b
     NeedsMessages
         If that is decided in flight.
     """
+    if not scenario.has_link_script:
+        return answered_at_once(scenario.samples)
+    # Here, as the messages load a dialect that no other direct flight needs.
+    from firmware_model.mavlink.messages import imu_template, rate_template, torque_template
+    from firmware_model.session.link_schedule import link_schedule
+
     template = (torque_template if torque else rate_template)(1)
     sizes = imu_template(1).size, template.size
     timeout_us = Parameters(vehicle, scenario).settings().stream_timeout_us

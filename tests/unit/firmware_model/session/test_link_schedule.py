@@ -9,8 +9,8 @@ import pytest
 from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
 from firmware_model.config.link_faults import Bandwidth, BurstLoss, Duplication, Jitter, LinkDelay, Loss, Reordering
 from firmware_model.config.scenario import Scenario, load_scenario
-from firmware_model.session.link import LinkDirection
-from firmware_model.session.link_schedule import BEGINS_TO_HOLD, HOLDS, IN_TRIM, link_schedule
+from firmware_model.session.link import BEGINS_TO_HOLD, HOLDS, IN_TRIM, LinkDirection
+from firmware_model.session.link_schedule import link_schedule
 from firmware_model.session.pacing import STALL_US
 
 CALM = replace(load_scenario("calm"), duration_s=1.0)
