@@ -8,18 +8,24 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 
 import pytest
 
+from firmware_model.autopilot.parameters import Parameters
 from firmware_model.config.scenario import list_scenarios, load_scenario
-from firmware_model.config.vehicle import load_vehicle
+from firmware_model.config.vehicle import FullScale, MeasuredCommand, Vehicle, load_vehicle
 from gustproof.flight.routes.controllers import fly_here
 from gustproof.flight.scoring.metrics import measure
-from gustproof.law.form import LAWS, list_laws, load_law
-from gustproof.law.write.c import c_unit
+from gustproof.law.form import LAWS, Law, list_laws, load_law
+from gustproof.law.resample import resample
+from gustproof.law.write.c import AttitudeSource, c_unit
+from gustproof.law.write.firmware import folders as written
+from gustproof.law.write.firmware.folders import RATES, Firmware, firmware_folder
 from gustproof.prove.boundedness import certify_boundedness
 
 PINNED = Path(__file__).with_name("digests.json")
@@ -66,9 +72,51 @@ def changed(found: dict[str, dict[str, str]], pinned: dict[str, dict[str, str]])
 
 
 def laws() -> dict[str, list[str]]:
-    """Return the digests of each shipped law's file and of its C code."""
+    """Return the digests of each shipped law's file, of its C code, and of that in all other forms."""
     files = {name: (LAWS / f"{name}.json").read_bytes() for name in list_laws()}
-    return {name: [digest(content), digest(c_unit(load_law(name)).source)] for name, content in files.items()}
+    return {
+        name: [digest(content), digest(c_unit(load_law(name)).source), digest("".join(units(load_law(name))))]
+        for name, content in files.items()
+    }
+
+
+def units(law: Law) -> Iterator[str]:
+    """Yield header and source of a law in each form that it has."""
+    for attitude, single, library in product(AttitudeSource, (False, True), (False, True)):
+        if not (single and law.uses_accelerometer) and (law.is_scheduled or attitude is AttitudeSource.OWN):
+            unit = c_unit(law, "law.h", attitude, single=single, notes=["a */ note"], library=library)
+            yield f"{unit.header}{unit.source}{unit.operations}"
+
+
+def folders() -> dict[str, str]:
+    """Return a digest by firmware of what its templates are filled with, for laws and vehicles of each kind."""
+    found = {}
+    for firmware in Firmware:
+        words: list[str] = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(written, "_fill", lambda *filled, words=words: words.append(json.dumps(filled)) or "")
+            for name, vehicle, attitude, single in product(
+                ("aided", "hinf-d1", "hinf-scheduled"), vehicles(firmware), AttitudeSource, (False, True)
+            ):
+                law = resample(load_law(name), RATES[firmware])
+                if (law.is_scheduled or attitude is AttitudeSource.OWN) and not (single and law.uses_accelerometer):
+                    files = firmware_folder(firmware, law, vehicle, attitude, "my", verdict="Sound.", single=single)
+                    words.append(json.dumps({path: text for path, text in files.items() if "_law." not in path}))
+        found[firmware.value] = digest("".join(words))
+    return found
+
+
+def vehicles(firmware: Firmware) -> list[Vehicle]:
+    """Return a shipped vehicle, one of a file, and one that a log of the firmware measured, if it takes those."""
+    command = MeasuredCommand(autopilot=firmware.value, full_scale=FullScale.MEASURED, delay=0.0, thrust_range=0.8)
+    measured = [] if firmware is Firmware.CRAZYFLIE else [replace(VEHICLE, name="own", command=command)]
+    return [VEHICLE, replace(VEHICLE, name="mine", mass=9.5), *measured]
+
+
+def parameters() -> dict[str, str]:
+    """Return type, default, unit and range of each parameter of a vehicle, as ground stations read them."""
+    table = Parameters(VEHICLE, load_scenario("calm")).describe()
+    return {str(each["name"]): "{type} {default} {unit}: {allowed}".format_map(each) for each in table}
 
 
 def certificate() -> str:
@@ -108,6 +156,14 @@ def test_laws_and_exported_c_keep_their_bytes(pinned):
     assert laws() == pinned["laws"]
 
 
+def test_folders_for_firmware_keep_what_they_are_filled_with(pinned):
+    assert folders() == pinned["folders"]
+
+
+def test_parameters_keep_their_ranges(pinned):
+    assert parameters() == pinned["parameters"]
+
+
 def test_certificate_keeps_its_bytes(pinned):
     assert certificate() == pinned["certificate"]
 
@@ -116,4 +172,5 @@ if __name__ == "__main__" and (names := sys.argv[1:]):
     sys.stdout.write(json.dumps({name: flights(name) for name in names}))
 elif __name__ == "__main__":
     everything = {"flights": {name: flights(name) for name in SCENARIOS}, "laws": laws(), "certificate": certificate()}
+    everything |= {"folders": folders(), "parameters": parameters()}
     PINNED.write_text(json.dumps(everything, indent=1) + "\n", encoding="utf-8")

@@ -117,8 +117,9 @@ def test_at_the_limit_the_integral_does_not_wind_up(build) -> None:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_beyond_its_rate_limit_it_does_what_the_reference_of_that_rate_asks(sign) -> None:
     limited, free = (law_of([strapdown_axis(PID, 0.01, DT, limit)] * 3) for limit in (0.5, None))
-    x, y, least = np.zeros(12), np.zeros(6), np.zeros(6)
-    y[3:], least[3:] = sign * np.array([0.2, 0.4, 0.8]), sign * 0.5 / PID.angle_p
+    x, gyro = np.linspace(0.01, 0.04, 12), np.array([0.03, -0.02, 0.01])
+    attitude = x[:3] + 0.5 * DT * (x[3:6] + gyro)
+    y, least = (np.append(gyro, attitude + sign * step) for step in (np.array([0.2, 0.4, 0.8]), 0.5 / PID.angle_p))
     for found, expected in zip(step(limited, x, y), step(free, x, least), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-12)
 

@@ -50,9 +50,11 @@ def test_a_file_keeps_every_bit_of_a_schedule(make_law: Maker, turn: Maker, tmp_
         ("parameters", ["phi", "psi", "r", "r"], "schedule.parameters: are .*'psi'"),
         ("parameters", "phi", "schedule.parameters: are 'phi'"),
         ("limits", [3.2, 0.2, 0.5, 0.5], "schedule.limits: phi up to 3.2, must be above 0 and below 3.142"),
+        ("limits", [math.pi, 0.2, 0.5, 0.5], "schedule.limits: phi up to 3.14159, must be above 0 and below 3.142"),
         ("limits", [0.3, 0.2, 0.0, 0.5], "schedule.limits: r up to 0"),
         ("J", [[0.0] * 6] * 4, r"schedule.J has shape \(4, 6\), must be \(4, 7\)"),
         ("L", [[0.5] * 4] * 4, "schedule.L has the largest singular value 2, must be below 1"),
+        ("L", np.eye(4).tolist(), "schedule.L has the largest singular value 1, must be below 1"),
         ("Q", [[math.nan] * 4] * 7, "schedule.Q has a number that is not finite"),
         ("W", 1, "schedule: must be an object of J, K, L, P, Q, limits, parameters"),
     ],
@@ -64,9 +66,13 @@ def test_a_wrong_schedule_is_refused(make_law: Maker, turn: Maker, key: str, val
         parse_law(document, "file")
 
 
-def test_a_schedule_needs_attitude_and_rates_in_the_state(make_law: Maker, turn: Maker) -> None:
-    with pytest.raises(ValueError, match="schedule: A has order 3"):
-        turn(make_law(3, scheduled=False))
+def test_attitude_and_rates_of_a_schedule_or_of_kinematics_are_six_states(make_law: Maker, turn: Maker) -> None:
+    with pytest.raises(ValueError, match="schedule: A has order 5"):
+        turn(make_law(5, scheduled=False))
+    assert turn(make_law(6, scheduled=False)).is_scheduled
+    with pytest.raises(ValueError, match="G is not 0 but A has order 5"):
+        make_law(5)
+    assert make_law(6).has_kinematics
 
 
 def test_a_law_without_a_limit_of_the_rate_has_no_trace_of_one_in_its_file(make_law: Maker) -> None:
@@ -168,11 +174,6 @@ def test_a_missing_key_a_missing_file_and_an_unknown_name_are_said(make_law: Mak
 def test_arrays_of_a_law_can_not_be_changed(make_law: Maker) -> None:
     with pytest.raises(ValueError, match="read-only"):
         make_law().A[0, 0] = 1.0
-
-
-def test_exact_kinematics_need_attitude_and_rates_in_the_state(make_law: Maker) -> None:
-    with pytest.raises(ValueError, match="G is not 0 but A has order 3"):
-        make_law(3)
 
 
 def test_a_law_of_an_own_vehicle_is_for_its_numbers_whatever_the_name(tmp_path: Path) -> None:

@@ -6,8 +6,6 @@ from dataclasses import replace
 import pytest
 
 from firmware_model.autopilot.attitude_loop import (
-    ALIGNMENT_TIME,
-    TRIM_TIME,
     StabilizerParams,
     StabilizerState,
     align_attitude,
@@ -21,9 +19,10 @@ from firmware_model.autopilot.attitude_loop import (
     update_rates,
 )
 from firmware_model.config.vehicle import load_vehicle
-from firmware_model.numerics.rotations import from_euler, from_rotation_vector, multiply, to_euler
+from firmware_model.numerics.rotations import conjugate, from_euler, from_rotation_vector, multiply, to_euler
 
 VEHICLE, DT = load_vehicle("paper"), 0.004
+ALIGNMENT_TIME, TRIM_TIME = 3.0, 0.25
 GAINS = replace(
     VEHICLE.stabilizer, rate_p=(14.0, 15.0, 16.0), rate_i=(20.0, 21.0, 22.0), rate_d=(0.8, 0.9, 1.0), rate_limit=3.0
 )
@@ -72,13 +71,17 @@ def test_attitude_turns_by_the_mean_of_two_samples(axis):
 @AXES
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_alignment_takes_out_an_error_with_its_time_constant(axis, sign):
-    true = from_rotation_vector(along(axis, 0.1))
-    x = align_attitude(PARAMS, LEVEL, tuple(sign * number for number in true))  # both quaternions are one attitude
-    share = DT / ALIGNMENT_TIME
-    assert to_euler(attitude(x))[axis] == pytest.approx(0.1 * share, rel=2e-3)
+    start = set_attitude(LEVEL, from_euler(0.3, -0.2, 1.0))
+    true = multiply(attitude(start), from_rotation_vector(along(axis, 0.1)))
+    x = align_attitude(PARAMS, start, tuple(sign * number for number in true))  # both quaternions are one attitude
+
+    def turned() -> tuple[float, float, float]:
+        return to_euler(multiply(conjugate(attitude(start)), attitude(x)))
+
+    assert turned() == pytest.approx(along(axis, 0.1 * DT / ALIGNMENT_TIME), rel=2e-3, abs=1e-12)
     for _ in range(round(ALIGNMENT_TIME / DT)):
         x = align_attitude(PARAMS, x, true)
-    assert to_euler(attitude(x))[axis] == pytest.approx(0.1 * (1.0 - math.exp(-1.0)), rel=5e-3)
+    assert turned() == pytest.approx(along(axis, 0.1 * (1.0 - math.exp(-1.0))), rel=5e-3, abs=1e-12)
 
 
 def test_set_attitude_keeps_everything_else():

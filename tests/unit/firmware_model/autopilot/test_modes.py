@@ -247,8 +247,8 @@ def test_an_autopilot_that_was_told_nothing_yet_stands_level():
 
 
 def test_arming_and_take_off_are_refused_to_a_vehicle_on_its_side(craft, autopilot):
-    for tilt, found in ((50.0, TransitionResult.TIPPED), (40.0, TransitionResult.ACCEPTED)):
-        craft.at(height=0.0, tilt=math.radians(tilt))
+    for more, found in ((1e-9, TransitionResult.TIPPED), (0.0, TransitionResult.ACCEPTED)):
+        craft.at(height=0.0, tilt=math.radians(45.0) + more)
         assert (autopilot.take_off(None), autopilot.arm()) == (found, found)
 
 
@@ -423,10 +423,10 @@ def test_stand_is_free_while_armed_and_lands_by_levelling():
     assert craft.autopilot.landed_state is LandedState.IN_AIR
     assert craft.autopilot.disarm() is TransitionResult.IN_FLIGHT
     craft.autopilot.land()
-    craft.at(height=10.0, tilt=0.3)
+    craft.at(height=10.0, tilt=0.1)
     assert craft.stay(2 * LAND_DETECTION_US) == LevelFlight()
     assert craft.autopilot.landed_state is LandedState.LANDING
-    craft.at(height=10.0, tilt=0.01)
+    craft.at(height=10.0, tilt=math.nextafter(0.1, 0.0))
     craft.stay(LAND_DETECTION_US)
     assert craft.autopilot.landed_state is LandedState.ON_GROUND
     assert not craft.autopilot.armed
@@ -452,7 +452,7 @@ def test_stand_flies_the_outside_controller():
 @pytest.mark.parametrize("mode", [Mode.OFFBOARD, Mode.HOLD, Mode.STABILIZED])
 def test_vehicle_that_lies_on_its_rotors_for_two_seconds_is_disarmed_and_says_so(craft, autopilot, mode):
     craft.fly_to(mode)
-    craft.at(height=0.0, tilt=math.radians(61.0))
+    craft.at(height=0.0, tilt=math.radians(60.0) + 1e-9)
     craft.stay(2_000_000 - SAMPLE_US)
     assert autopilot.armed
     assert isinstance(craft.stay(SAMPLE_US), MotorsOff)
@@ -472,7 +472,7 @@ def test_crashed_vehicle_that_bounces_is_disarmed_too(craft, autopilot):
     assert not autopilot.armed
 
 
-@pytest.mark.parametrize(("height", "tilt_deg"), [(0.0, 59.0), (0.5, 180.0)])
+@pytest.mark.parametrize(("height", "tilt_deg"), [(0.0, 60.0), (0.5, 180.0)])
 def test_leaning_vehicle_and_one_upside_down_in_the_air_fly_on(craft, autopilot, height, tilt_deg):
     craft.fly_to(Mode.HOLD)
     craft.at(height=height, tilt=math.radians(tilt_deg))

@@ -48,7 +48,7 @@ def test_heartbeat_tells_arming_and_state(armed, critical, base_mode, status):
     assert (message.type, message.autopilot, message.base_mode, message.system_status) == (2, 12, base_mode, status)
 
 
-@pytest.mark.parametrize(("rotors", "kind"), [(4, 2), (5, 43), (6, 13), (8, 14)])
+@pytest.mark.parametrize(("rotors", "kind"), [(4, 2), (5, 43), (6, 13), (8, 14), (10, 35), (11, 43), (12, 29)])
 def test_heartbeat_tells_the_number_of_rotors(rotors, kind):
     assert messages.heartbeat_message(0, False, critical=False, rotors=rotors).type == kind
 

@@ -12,7 +12,6 @@ from firmware_model.config.waveforms import Constant, Dryden, GustCosine
 from firmware_model.numerics.rotations import euler_angles, from_euler
 from firmware_model.numerics.soa import flatten
 from firmware_model.physics.aerodynamics import (
-    AIR_DENSITY,
     Air,
     AirParams,
     FreeInputs,
@@ -44,7 +43,7 @@ CALM = Scenario(
 )
 ZERO = (0.0, 0.0, 0.0)
 NOTHING = Wrench(ZERO, 0.0)
-STILL = Air(ZERO, ZERO)
+STILL, AIR_DENSITY = Air(ZERO, ZERO), 1.225
 HIGH = Body((0.0, 0.0, -500.0), ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO, 0.0)
 by_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
 

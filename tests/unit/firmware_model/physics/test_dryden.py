@@ -14,9 +14,10 @@ from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.elementary import normals
 from firmware_model.numerics.soa import flatten
 from firmware_model.physics.dryden import dryden_filters, dryden_gust, dryden_spectrum, dryden_step, gust_moment
-from firmware_model.physics.gust_filters import FOOT, DrydenParams, DrydenState
+from firmware_model.physics.gust_filters import DrydenParams, DrydenState
 
 DRYDEN = Dryden(kind="dryden", wind_speed_20ft_mps=15.0)
+FOOT = 0.3048
 SPAN = 1.0
 SPECTRUM = dryden_spectrum(DRYDEN, 10.0, SPAN)
 HANDBOOK = dryden_spectrum(replace(DRYDEN, specification="MIL-HDBK-1797"), 10.0, SPAN)

@@ -92,9 +92,10 @@ def test_samples_that_come_on_the_socket_are_flown_as_step_by_step(sockets, rate
         if at_once:
             for datagram in said:
                 flight.client.sendto(datagram, flight.bound.getsockname())
-            line = flight.endpoint.exchange(flight.bound.fileno(), lambda: 0)
+            line = flight.endpoint.exchange(flight.bound.fileno(), lambda: 7)
             assert line is not None
             assert (line.turns, line.left) == (20, None)
+            assert flight.endpoint._now_us == flight.endpoint._commander.last_seen_us == 7
             assert line.address == flight.peer
         else:
             for datagram in said:

@@ -7,11 +7,12 @@ import pytest
 
 from firmware_model.autopilot.modes import Autopilot, AutopilotEvent, Mode, Settings, TransitionResult
 from firmware_model.mavlink.frames import RejectReason
-from firmware_model.session.pacing import MAX_CATCH_UP_US, STALL_US, FlightClock, NextAction, TimingFault
+from firmware_model.session.pacing import FlightClock, NextAction, TimingFault
 from firmware_model.types import AttitudeTarget, Command, LevelFlight, MotorsOff, Setpoint, TorqueCommand
 
 SAMPLE_US = 4_000
 RESEND_US, MAX_RESENDS = 100_000, 30
+MAX_CATCH_UP_US, STALL_US = 250_000, 50_000
 SCRIPT = 1_000  # samples
 
 

@@ -261,6 +261,16 @@ def test_replacement_outside_offboard_is_waited_for_and_given_up():
     assert linked.counts("to_controller")["unheard"] == 15  # all after the fifth
 
 
+def test_answer_of_a_replacement_after_the_fail_safe_is_a_stream_again():
+    linked = Linked({"kind": "controller_killed", "at_s": 0.02, "recovers_after_s": 1.5}, samples=400)
+    linked.fly(until=380)
+    assert linked.link.next_action(linked.now_us) is NextAction.RESEND
+    assert linked.autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.NO_STREAM
+    assert linked.link.offer(torque(380 * SAMPLE_US), SIZE, linked.stamp_us) is None
+    assert linked.autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
+    assert stamps(linked.fly()[380:]) == list(range(380, 400))
+
+
 def test_replacement_that_never_comes_is_given_up():
     linked, _ = rejoined(None)
     linked.fly(silent)

@@ -17,7 +17,6 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.mavlink import peers
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
-from firmware_model.mavlink.peers import MAX_PEERS
 from firmware_model.mavlink.services import refusals
 from firmware_model.mavlink.signing import Signing
 from firmware_model.session import vehicle_endpoint
@@ -124,6 +123,19 @@ def test_heartbeat_comes_at_once_to_who_speaks_first_then_every_second_and_on_a_
     vehicle.ask(ARM, 1.0)
     (beat,) = vehicle.take("HEARTBEAT")
     assert beat.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+def test_a_heartbeat_a_second_and_a_warning_five_are_exact(vehicle):
+    vehicle.say(HEARTBEAT)
+    vehicle.wait()
+    vehicle.take("HEARTBEAT")
+    vehicle.endpoint.warn("rain")
+    for us, beats, texts in ((0, 0, 1), (999_999, 0, 0), (1, 1, 0), (3_999_999, 3, 0), (1, 1, 1)):
+        vehicle.wait(us)
+        vehicle.poll()
+        vehicle.endpoint.warn("rain")
+        vehicle.poll()
+        assert (len(vehicle.take("HEARTBEAT")), len(vehicle.take("STATUSTEXT"))) == (beats, texts)
 
 
 def test_expected_peer_is_told_of_the_vehicle_unasked_and_of_nothing_else():
@@ -347,8 +359,8 @@ def test_number_of_peers_is_bounded(vehicle):
     for port in range(100):
         vehicle.say(HEARTBEAT, port=port)
     vehicle.wait()
-    assert len(vehicle.heard) == MAX_PEERS
-    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] == 100 - MAX_PEERS
+    assert len(vehicle.heard) == 16
+    assert vehicle.endpoint.counters[RejectReason.TOO_MANY_PEERS] == 100 - 16
 
 
 def test_parameters_are_listed_and_read_by_name_and_index(vehicle):

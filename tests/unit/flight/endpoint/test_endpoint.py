@@ -18,9 +18,6 @@ from firmware_model.types import ImuSample
 from gustproof.flight.controllers.stepper import CheckedStepper, StepFault
 from gustproof.flight.endpoint.core import ControllerCore
 from gustproof.flight.endpoint.endpoint import (
-    RETRIES,
-    RETRY_US,
-    VEHICLE_TIMEOUT_US,
     ControllerEndpoint,
     ControllerOutcome,
     Phase,
@@ -29,6 +26,7 @@ from gustproof.flight.endpoint.exchange import answer_sample, answer_samples
 from gustproof.law.form import load_law
 
 VEHICLE = (0, ("vehicle", 14580))
+RETRIES, RETRY_US, VEHICLE_TIMEOUT_US = 50, 200_000, 5_000_000
 OFFBOARD, STABILIZED, HOLD = 6 << 16, 7 << 16, 4 << 16 | 3 << 24
 TAKEOFF, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 5, 6))
 KEY, UNIX_US = bytes(range(32)), 1_700_000_000_000_000

@@ -232,6 +232,14 @@ def test_overshoot_is_the_part_of_the_step_beyond_the_new_reference(furthest, pe
     assert result.is_met == (percent <= 20.0)
 
 
+def test_overshoot_counts_from_the_reference_before_its_window_to_the_one_at_its_end():
+    records, steps = flight(), ((0.996, -5.0), (1.0, -10.0), (1.996, -9.0), (2.0, -20.0))
+    turn(records, 1, np.where(np.arange(1000) == 300, -12.5, -9.0))
+    scenario = replace(SCENARIO, event=tuple(replace(STEP, at_s=at, euler_deg=(0.0, deg, 0.0)) for at, deg in steps))
+    result = judged(records, scenario, metric="overshoot_percent", axis="pitch", from_s=1.0, to_s=2.0, at_most=90.0)
+    assert result.value == pytest.approx(100.0 * 3.5 / 4.0)
+
+
 @pytest.mark.parametrize("metric", Metric)
 def test_every_metric_is_measured(metric):
     banded = {"within_deg": 20.0} if metric in (Metric.SETTLING, Metric.RECOVERY) else {}

@@ -47,6 +47,17 @@ def test_attitude_is_that_of_the_loops_where_they_log_it(
     assert log.reference.values[9] == pytest.approx(np.deg2rad([1.0, 3.0, -10.0]))
 
 
+def test_the_gyro_before_its_filters_is_read_where_it_is_logged(
+    written: Write, ardupilot_messages: Messages, make_dataflash: Callable[..., bytes]
+) -> None:
+    _, _, rows = ardupilot_messages["IMU"]
+    raw = [(t, i, 2.0 * p, 2.0 * q, 2.0 * r) for t, i, p, q, r, *_ in rows]
+    ardupilot_messages["GYR"] = ("QBfff", "TimeUS,I,GyrX,GyrY,GyrZ", raw)
+    log = read_log(written("a.bin", make_dataflash(ardupilot_messages)))
+    assert log.is_gyro_raw
+    assert log.gyro.values == pytest.approx(np.array([row[2:] for row in raw[::2]]), abs=1e-6)
+
+
 def test_read_log_of_ardupilot_matches_pymavlink(written: Write, ardupilot_log: bytes) -> None:
     path = written("a.bin", ardupilot_log)
     log, theirs = read_log(path), DFReader.DFReader_binary(str(path))
@@ -159,6 +170,7 @@ def test_rates_and_commands_of_old_copters_are_in_their_units(tmp_path, angle, f
         (2, {"REF": 1.0}, (80.0, 1)),
         (3, {"REF": 0.5}, (50.0, 1)),
         (3, {"OPTS": 2.0, "REF": 1.0}, (100.0, 4)),
+        (3, {"OPTS": 5.0, "REF": 1.0}, (100.0, 1)),
         (4, {"REF": 1.0}, (77.0, 1)),
         (0, {"REF": 1.0}, None),  # it stands still
         (1, {"REF": 0.0}, None),

@@ -77,6 +77,18 @@ def test_read_log_of_px4_takes_the_fastest_gyro(
 
 
 @pytest.mark.parametrize(
+    ("key", "value"),
+    [(b"float ODD", bytes(3)), (b"int32_t ODD", bytes(5)), (b"double ODD", bytes(4)), (b"float ODD ONE", bytes(4))],
+)
+def test_read_log_of_px4_leaves_out_what_is_no_parameter(
+    written: Write, px4_topics: list[list[bytes]], make_ulog: Callable[..., bytes], key: bytes, value: bytes
+) -> None:
+    content = bytes([len(key)]) + key + value
+    log = read_log(written("a.ulg", make_ulog(px4_topics, late=struct.pack("<HB", len(content), ord("P")) + content)))
+    assert not log.parameters
+
+
+@pytest.mark.parametrize(
     ("limit", "measured", "in_use", "loops"),
     [
         (800, 250.1, 7, 250.0),

@@ -48,7 +48,8 @@ def test_more_cases_and_laws_give_the_table_flown_at_once(planned, fly, tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["grown.parquet", "whole.parquet"]
 
 
-def test_several_laws_grow_together_and_nothing_shrinks(planned, fly, tmp_path):
+def test_several_laws_grow_together_and_nothing_shrinks(planned, fly, tmp_path, monkeypatch):
+    monkeypatch.setattr("gustproof.studies.campaign.store.ROW_GROUP", 16)  # a border of laws within a group
     path = tmp_path / "mc.parquet"
     fly(planned(cases=20), path.name)
     asked = grow_campaign(path, planned(laws=("pid-fair",), cases=10))

@@ -20,13 +20,14 @@ class Here:
     max_pending = 3
 
     def __init__(self, poison=()):
-        self.poison, self.deadly, self.stretches = set(poison), True, []
+        self.poison, self.deadly, self.stretches, self.died = set(poison), True, [], []
 
     def submit(self, function, *arguments):
         future = Future()
         stretch = arguments[-1]
         if isinstance(stretch, tuple) and self.deadly and self.poison & runs_of(stretch):
             future.set_exception(BrokenExecutor("a worker died"))
+            self.died.append(stretch)
         else:
             future.set_result(function(*arguments))
             self.stretches.append(stretch)
@@ -98,7 +99,9 @@ def test_a_stretch_is_of_one_law_and_about_a_second_of_work(planned, tmp_path):
     pool = Here()
     written(planned(cases=3000), tmp_path / "mc.parquet", pool)
     assert all(stretch.first // 3000 == (stretch.first + stretch.runs - 1) // 3000 for stretch in pool.stretches)
-    assert max(stretch.runs for stretch in pool.stretches) == 992  # a thousand would be a second, 32 fly at once
+    sizes = {stretch.runs for stretch in pool.stretches}
+    assert {32, 512} < sizes  # 16 times as many
+    assert max(sizes) == 992  # a thousand would be a second, 32 fly at once
 
 
 def test_no_more_is_submitted_than_may_be_pending(planned, tmp_path):
@@ -128,7 +131,9 @@ def test_rows_are_written_in_groups_that_bound_the_memory(planned, tmp_path, mon
 @pytest.mark.parametrize("poison", [{13}, {0, 1, 79}])
 def test_a_run_that_kills_its_workers_is_found_and_the_others_are_flown(planned, tmp_path, poison):
     campaign = planned()
-    written(campaign, tmp_path / "mc.parquet", Here(poison), chunk_runs=16)
+    pool = Here(poison)
+    written(campaign, tmp_path / "mc.parquet", pool, chunk_runs=16)
+    assert [pool.died.count((run, 1)) for run in poison] == [2] * len(poison)
     rows = pq.read_table(tmp_path / "mc.parquet").to_pylist()
     assert [row["run"] for row in rows] == list(range(80))
     assert {row["run"] for row in rows if "died" in row["failure"]} == poison
