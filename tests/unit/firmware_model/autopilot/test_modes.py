@@ -177,9 +177,9 @@ def test_returning_stream_is_told_once_and_not_flown_until_offboard_is_asked_for
     craft.fly_to(Mode.OFFBOARD)
     autopilot.on_stream_lost()
     autopilot.take_events()
-    autopilot.on_setpoint()
-    autopilot.on_setpoint()
-    assert autopilot.take_events() == [AutopilotEvent.STREAM_BACK]
+    for told in ([AutopilotEvent.STREAM_BACK], []):
+        autopilot.on_setpoint()
+        assert autopilot.take_events() == told
     assert craft.stay(SAMPLE_US) == LevelFlight()
     assert autopilot.set_mode(Mode.OFFBOARD) is TransitionResult.ACCEPTED
     assert craft.stay(SAMPLE_US) is LEVEL_THRUST

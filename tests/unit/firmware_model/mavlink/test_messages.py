@@ -19,6 +19,15 @@ def test_echo_tells_what_is_tracked():
     assert (echo.type_mask, echo.body_pitch_rate, echo.time_boot_ms) == (128, 0.2, 4)
 
 
+def test_a_sample_on_the_wire_tells_nothing_that_is_not_measured():
+    sample = ImuSample(4000, (0.5, -0.25, 2.0), (1.0, -2.0, -8.0))
+    (frame,) = parse(messages.imu_message(sample).pack(wire.MAVLink(None, 1, 1)))
+    told = frame.message()
+    rest = [getattr(told, name) for name in told.fieldnames[7:]]
+    assert (told.time_usec, told.fields_updated, told.xgyro, told.zacc) == (4000, 63, 0.5, -8.0)
+    assert rest == [0.0] * 7 + [63, 0]
+
+
 @pytest.mark.parametrize("kind", ["raw", "scaled"])
 def test_coarse_samples_are_in_thousandths(kind):
     make = getattr(wire, f"MAVLink_{kind}_imu_message")
@@ -99,6 +108,23 @@ def test_attitude_target_without_thrust_or_something_to_track_is_refused(target,
     assert (
         read_slowly(wire.MAVLink_set_attitude_target_message(4, target, 1, mask, level, 0.0, 0.0, 0.0, thrust)) == why
     )
+
+
+@pytest.mark.parametrize(("given", "taken"), [(1.5, 1.0), (1.0, 1.0), (-0.5, -0.5), (-1.0, -1.0), (-1.5, -1.0)])
+def test_torques_and_thrusts_beyond_their_range_are_taken_at_its_ends(given, taken):
+    for axis in range(4):
+        controls = np.roll((given, *[0.25] * 3), axis).tolist()
+        read = read_slowly(wire.MAVLink_set_actuator_control_target_message(4000, 0, 1, 1, [*controls, *[0.0] * 4]))
+        asked = [taken if each == given else 0.25 for each in controls]
+        assert read == torques(*asked[:3], throttle=max(asked[3], 0.0))
+    told = wire.MAVLink_set_attitude_target_message(4, 1, 1, 0x80, [1.0, 0.0, 0.0, 0.0], 2.0, 0.0, 0.0, given)
+    assert read_slowly(told) == rates(2.0, 0.0, 0.0, thrust=max(taken, 0.0))
+
+
+@pytest.mark.parametrize(("mask", "omega_B"), [(3, (0.0, 0.0, 0.75)), (0, (0.0, 0.0, 0.75)), (7, None)])
+def test_beside_an_attitude_the_yaw_rate_alone_is_taken(mask, omega_B):
+    told = wire.MAVLink_set_attitude_target_message(4, 1, 1, mask, [0.5, 0.5, -0.5, 0.5], 0.5, -0.25, 0.75, 0.5)
+    assert read_slowly(told) == AttitudeTarget(4000, (0.5, 0.5, -0.5, 0.5), omega_B, 0.5)
 
 
 def test_yaw_rate_that_is_not_told_is_zero_beside_told_rates():

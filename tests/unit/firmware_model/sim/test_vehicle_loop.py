@@ -283,6 +283,15 @@ def test_rates_beside_an_attitude_are_fed_forward_with_their_signs(ahead: tuple[
     assert np.array_equal(np.sign(record["torque_command_B"]), np.sign(ahead))
 
 
+def test_the_ground_has_a_vehicle_from_a_tenth_of_its_weight_on() -> None:
+    loop = VehicleLoop(VEHICLE, replace(QUIET, translation="free"), 1, interactive=True)
+    loop.observe()
+    tenth = 0.1 * VEHICLE.mass * GRAVITY
+    for load, on_ground in ((tenth, True), (math.nextafter(tenth, 0.0), False)):
+        loop._state.state[X_LOAD] = load
+        assert loop.on_ground is on_ground
+
+
 def test_vehicle_begins_without_load_moment_or_applied_event() -> None:
     state = initial_state(VEHICLE, QUIET, 1).state
     assert not state[X_LOAD:X_BATTERY].any()

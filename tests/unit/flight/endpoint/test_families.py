@@ -8,6 +8,22 @@ from gustproof.flight.endpoint.families import FAMILIES, describe_fail_safe, mod
 PX4, ARDUPILOT = FAMILIES[wire.MAV_AUTOPILOT_PX4], FAMILIES[wire.MAV_AUTOPILOT_ARDUPILOTMEGA]
 
 
+@pytest.mark.parametrize(
+    ("kind", "torques", "standby", "takes_off", "bytewise"),
+    [
+        (wire.MAV_AUTOPILOT_PX4, True, True, False, True),
+        (wire.MAV_AUTOPILOT_GENERIC, True, False, False, True),
+        (wire.MAV_AUTOPILOT_ARDUPILOTMEGA, False, False, True, False),
+    ],
+)
+def test_families_differ_in_what_they_take(
+    kind: int, torques: bool, standby: bool, takes_off: bool, bytewise: bool
+) -> None:
+    family = FAMILIES[kind]
+    told = family.takes_torques, family.streams_on_standby, family.mode_takes_off, family.bytewise
+    assert told == (torques, standby, takes_off, bytewise)
+
+
 @pytest.mark.parametrize("mode", Mode)
 def test_px4s_modes_have_a_main_and_a_sub_mode(mode: Mode) -> None:
     main, sub = mode_parameters(mode.value)

@@ -10,7 +10,11 @@ import pytest
 from firmware_model.errors import ConfigError
 from gustproof.logs.read.read_log import read_log
 
-ULOG_TYPES = {"uint64_t": "Q", "uint32_t": "I", "uint8_t": "B", "float": "f", "bool": "?", "int16_t": "h"}
+ULOG_TYPES = {
+    **{f"int{8 << i}_t": letter for i, letter in enumerate("bhiq")},
+    **{f"uint{8 << i}_t": letter for i, letter in enumerate("BHIQ")},
+    **{"float": "f", "double": "d", "bool": "?", "char": "B"},
+}
 
 
 def ulog_message(kind: str, content: bytes) -> bytes:

@@ -51,6 +51,39 @@ def test_read_log_of_px4_matches_pyulog(written: Write, px4_log: bytes) -> None:
         assert np.array_equal(values, np.column_stack([data[f"{field}[{i}]"] for i in range(3)]))
 
 
+def test_a_field_is_found_behind_those_of_every_type(
+    written: Write,
+    px4_topics: list[list[bytes]],
+    make_ulog: Callable[..., bytes],
+    make_topic: Callable[..., list[bytes]],
+) -> None:
+    kinds = [f"{sign}int{bits}_t" for sign in ("", "u") for bits in (8, 16, 32, 64)] + [
+        "float",
+        "double",
+        "bool",
+        "char",
+    ]
+    fields = ["uint64_t timestamp", *(f"{kind} of_{kind}" for kind in kinds), "float[3] gyro_rad"]
+    rows = [(1_000_000 + 4000 * i, *[1] * len(kinds), 0.01 * i, 0.2, -0.3) for i in range(500)]
+    px4_topics[0] = make_topic(3, "sensor_combined", ";".join(fields), rows)
+    log = read_log(written("a.ulg", make_ulog(px4_topics)))
+    assert log.gyro.values == pytest.approx(np.array([row[-3:] for row in rows]))
+
+
+def test_a_filtered_gyro_is_not_raw(
+    written: Write,
+    px4_topics: list[list[bytes]],
+    make_ulog: Callable[..., bytes],
+    make_topic: Callable[..., list[bytes]],
+) -> None:
+    rows = [(1_000_000 + 4000 * i, 999_000 + 4000 * i, 0.01 * i, 0.2, -0.3) for i in range(500)]
+    fields = "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz"
+    px4_topics[0] = make_topic(3, "vehicle_angular_velocity", fields, rows)
+    log = read_log(written("a.ulg", make_ulog(px4_topics)))
+    assert not log.is_gyro_raw
+    assert log.gyro.values == pytest.approx(np.array([row[-3:] for row in rows]))
+
+
 def raw_gyro() -> list[bytes]:
     """Return two seconds of the raw gyro at 1 kHz, four samples a message."""
     fields = b"uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float dt;float scale;uint8_t samples;"

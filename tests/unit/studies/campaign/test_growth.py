@@ -71,6 +71,7 @@ def test_another_campaign_does_not_grow(planned, fly, tmp_path):
         grow_campaign(path, planned(laws=("hinf-d1",), sampling=Sampling.LATIN, cases=8, seed=2))
     with pytest.raises(ConfigError, match="a Latin hypercube of 8 cases cannot grow"):
         grow_campaign(path, planned(laws=("hinf-d1",), sampling=Sampling.LATIN, cases=9))
+    assert len(grow_campaign(path, planned(laws=("pid-fair",), sampling=Sampling.LATIN, cases=8)).laws) == 2
 
 
 def test_a_table_is_as_large_as_its_numbers_and_no_larger(planned, fly, tmp_path, monkeypatch):

@@ -68,6 +68,13 @@ def test_refusals_name_what_was_asked_for(service, craft, message, text, heard):
     assert craft.texts == [text]
 
 
+@pytest.mark.parametrize("bit", range(12))
+def test_refusals_name_a_quantity_by_any_of_its_bits(service, craft, heard, bit):
+    heard(service, local(1 << bit))
+    name = ("position", "velocity", "acceleration", "yaw")[bit // 3]
+    assert craft.texts == [f"{name} set-points rejected: send attitude"]
+
+
 def test_refusals_of_two_kinds_do_not_wait_for_each_other(service, craft, heard):
     heard(service, local(0o7))
     heard(service, local(0o70))

@@ -92,6 +92,8 @@ def test_every_stream_has_its_interval_and_every_field_its_value_and_unit(craft)
 def _show(number: int, stream: Stream) -> str:
     """Return name, interval [us] and all fields of a stream's message that are not zero."""
     message, kind = stream.message(), wire.mavlink_map[number]
+    if hasattr(message, "pack"):
+        message.pack(wire.MAVLink(None, 1, 1))  # every number and list fits its field
     fields = {name: getattr(message, name) for name in kind.fieldnames} if hasattr(message, "pack") else {}
     shown = [f"{name}={text}" for name, value in fields.items() if (text := _text(value)) not in ("0", "-0", "[]")]
     return " ".join([kind.msgname, str(stream.interval_us), *shown])
