@@ -4,19 +4,27 @@ An autopilot's loops see the gyro behind notches and a low-pass, and most logs h
 vehicle P, F omega = P F u: the command is passed through the same filters. Their phase is then counted once, in the
 loops, and not a second time as lag, delay and gain of the vehicle. A moving notch is taken at its frequency here and in
 the loops: these errors cancel.
+
+Noise of the gyro is white before those filters and not behind them, and the command answers it: a fit would take that
+for a prompt vehicle. Where each turn of the loop is logged, the filters' inverse makes it white again, as far as an
+inverse stays calm. Gyro and command pass through the same, so it need not be exact.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter, lfilter_zi
+from scipy.signal import lfilter, lfilter_zi, welch
 
 from firmware_model.config.gyro_filters import Biquad, gyro_filters
+from gustproof.logs.identify.rates import is_whole
 from gustproof.logs.identify.stretches import Indices, sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
 
 _FINER = 4  # steps of the filters in a sample of the command, which is held
+_ALIKE = 0.02  # of sample times: beyond it gyro and command are not of the same turns of the loop
+_CALM, _CALM_NOTCH = (0.95, 0.8, 0.5), 0.98  # largest poles of inverses: they ring, and blow up what filters took away
 
 
 def filter_command(log: FlightLog) -> FlightLog:
@@ -35,9 +43,46 @@ def filter_command(log: FlightLog) -> FlightLog:
     line = "gyro: logged behind the autopilot's filters, so its command is taken behind them too"
     found = replace(log, findings=(*log.findings, line))
     if log.command is not None:
-        return replace(found, command=_pass_through(signal, filters, step))
+        return _whiten(replace(found, command=_pass_through(signal, filters, step)))
     squares = _pass_through(LogSignal(time=signal.time, values=signal.values**2), filters, step)
     return replace(found, motors=LogSignal(time=signal.time, values=np.sqrt(np.maximum(squares.values, 0.0))))
+
+
+def _whiten(log: FlightLog) -> FlightLog:
+    """Return the log with gyro and command behind the inverse of the gyro's filters, if it has each turn of a loop."""
+    gyro, command = log.gyro, log.command
+    if command is None or not is_whole(log, gyro) or abs(sample_time(command) / sample_time(gyro) - 1.0) > _ALIKE:
+        return log
+    filters = gyro_filters(log.system, log.parameters, 1.0 / sample_time(gyro))
+    tries = [[_invert(each, calm) for each in filters] for calm in _CALM]
+    inverses = min(tries, key=lambda each: _unevenness(_run_all(gyro.values, each)))
+    gyro, command = (LogSignal(time=each.time, values=_run_all(each.values, inverses)) for each in (gyro, command))
+    return replace(log, gyro=gyro, command=command)
+
+
+def _unevenness(values: Array) -> float:
+    """Return by how much the upper end of the spectrum of values (n, 3) differs from what is below, as a logarithm.
+
+    Filters that run faster than the log leave noise there that an inverse of the log's rate would blow up.
+    """
+    power = welch(values, axis=0, nperseg=min(256, len(values)))[1].sum(axis=1)
+    low, high = (float(np.median(part)) for part in np.split(power, [len(power) // 2, int(0.8 * len(power))])[1:])
+    return abs(math.log(max(high, 1e-300) / max(low, 1e-300)))
+
+
+def _invert(filtered: Biquad, calm: float) -> Biquad:
+    """Return the inverse of a filter of gain 1 at rest, with poles of a low-pass drawn in to `calm`, where it is."""
+    b0, b1, b2, a1, a2 = filtered
+    most = _CALM_NOTCH if b1 * b1 < 4.0 * b0 * b2 else calm
+    poles = np.roots([b0, b1, b2])
+    c1, c2 = np.real(np.poly(poles * np.minimum(1.0, most / np.maximum(np.abs(poles), most))))[1:]
+    gain = (1.0 + c1 + c2) / (1.0 + a1 + a2)
+    return Biquad(gain, gain * a1, gain * a2, float(c1), float(c2))
+
+
+def _run_all(values: Array, filters: list[Biquad]) -> Array:
+    """Return values (n, k) behind filters."""
+    return np.column_stack([run_filters(column, filters) for column in values.T])
 
 
 def _pass_through(signal: LogSignal, filters: list[Biquad], step: float) -> LogSignal:

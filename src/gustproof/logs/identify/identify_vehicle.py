@@ -28,8 +28,8 @@ from gustproof.logs.identify.likelihood import (
     places,
     solve_gains,
 )
-from gustproof.logs.identify.rates import describe_slow_log
-from gustproof.logs.identify.sparse_command import fill_command, is_whole
+from gustproof.logs.identify.rates import describe_slow_log, is_whole
+from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.identify.stretches import (
     BIN,
     SHORTEST,
@@ -313,7 +313,10 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str
     if slow and len(told) < len(axes):  # intervals of the others miss the truth in a quarter of such logs
         told = []
     lag, delay, lateness = _lateness(
-        told, 0.5 * sample_time(command), sampled=sampled, is_held=log.system == "gustproof" or is_whole(log)
+        told,
+        0.5 * sample_time(command),
+        sampled=sampled,
+        is_held=log.system == "gustproof" or is_whole(log, log.command),
     )
     roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow, is_told=axis in told) for axis in axes)
     motors, motor_intervals = _motor_gains(axes)

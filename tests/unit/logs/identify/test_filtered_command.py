@@ -8,10 +8,11 @@ from scipy.signal import butter, lfilter
 
 from firmware_model.config.gyro_filters import gyro_filters, notch
 from gustproof.logs.identify import identify_vehicle
-from gustproof.logs.identify.filtered_command import filter_command
+from gustproof.logs.identify.filtered_command import filter_command, run_filters
 from gustproof.logs.identify.identify_vehicle import identify
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.logs.read.flown_part import crop
+from gustproof.types import Array
 
 GAIN, DELAY = 200.0, 0.005
 FILTERS = {
@@ -124,6 +125,29 @@ def test_command_is_changed_by_known_filters_alone() -> None:
     motors = filter_command(replace(still, command=None, motors=still.command)).motors
     assert motors is not None
     np.testing.assert_allclose(motors.values, 0.3, rtol=1e-9)
+
+
+@pytest.mark.parametrize("system", ["px4", "ardupilot"])
+def test_noise_of_a_filtered_gyro_is_white_again(system: str) -> None:
+    """Each turn of the loop is logged; a log of every second is left as it is."""
+    parameters = FILTERS[system] | {"SCHED_LOOP_RATE": 400.0, "IMU_GYRO_RATEMAX": 400.0}
+    noise = np.random.default_rng(2).standard_normal((8000, 3))
+    seen = np.column_stack([run_filters(column, gyro_filters(system, parameters, 400.0)) for column in noise.T])
+
+    def log_every(turns: int) -> FlightLog:
+        signals = (LogSignal(time=0.0025 * np.arange(0, 8000, turns), values=each[::turns]) for each in (seen, noise))
+        return FlightLog(source="made", system=system, gyro=next(signals), command=next(signals), parameters=parameters)
+
+    def largest_likeness(values: Array) -> float:
+        return max(abs(np.corrcoef(values[k:, 0], values[:-k, 0])[0, 1]) for k in range(2, 12))
+
+    found, sparse = filter_command(log_every(1)), log_every(2)
+    assert found.command is not None
+    assert largest_likeness(found.gyro.values) < 0.15 < 0.4 < largest_likeness(seen)
+    # Both are behind the same filters: held for a step, and a mean over it, a slow command is where it was.
+    gyro, command = (lfilter(*butter(2, 10.0, fs=400.0), each.values[:, 0]) for each in (found.gyro, found.command))
+    np.testing.assert_allclose(command[100:], gyro[100:], atol=0.1 * gyro.std())
+    assert filter_command(sparse).gyro is sparse.gyro
 
 
 def test_yaw_that_tells_no_lag_has_that_of_roll_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,14 @@
 """Command filled in between its logged samples, held against the one that the loop gave."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from firmware_model.config.gyro_filters import gyro_filters
+from gustproof.logs.identify.filtered_command import run_filters
 from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.identify.stretches import find_stretches
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
@@ -57,6 +60,47 @@ def test_a_bias_of_the_gyro_fills_in_nothing():
     assert plain.command is not None
     assert found.command is not None
     np.testing.assert_allclose(found.command.values, plain.command.values, atol=1e-9)
+
+
+def test_filters_of_the_parameters_fill_in_best_and_steps_of_the_sticks_spoil_nothing():
+    """A tenth of the commands are a step away; no low-pass of those that are tried is like this slope's."""
+    random, n = np.random.default_rng(5), 8000
+    time, parameters = DT * np.arange(n), {"IMU_GYRO_CUTOFF": 80.0, "IMU_DGYRO_CUTOFF": 6.0}
+    rate = lfilter(*butter(1, 30.0, fs=1.0 / DT), random.standard_normal((n, 3)), axis=0)
+    seen = np.column_stack([run_filters(column, gyro_filters("px4", parameters, 1.0 / DT)) for column in rate.T])
+    passed = 12.0 * np.pi * DT / (1.0 + 12.0 * np.pi * DT)
+    slope = lfilter([passed], [1.0, passed - 1.0], np.diff(seen, axis=0, prepend=seen[:1]) / DT, axis=0)
+    answer = -0.02 * seen - 4e-3 * slope
+    command = answer + np.repeat(random.choice([-1.0, 1.0], n // 160), 160)[:, None]
+    log = FlightLog(
+        source="x",
+        system="px4",
+        gyro=LogSignal(time=time, values=rate),
+        command=LogSignal(time=time[::STEP], values=command[::STEP]),
+        is_gyro_raw=True,
+    )
+
+    def share_left(each: FlightLog) -> float:
+        """Return the share of the answer that is not filled in, away from steps."""
+        filled = fill_command(each)
+        assert filled is not None
+        assert filled.command is not None
+        found = np.column_stack([np.interp(time, filled.command.time, column) for column in filled.command.values.T])
+        calm = (np.arange(n) % 160 > STEP) & (np.arange(n) % 160 < 160 - STEP) & (time < filled.command.time[-1])
+        return float(np.std((found - command)[calm]) / np.std(answer[calm]))
+
+    found = share_left(replace(log, parameters=parameters))
+    assert found < 0.05 < 0.1 < share_left(log)
+
+
+def test_a_gyro_no_closer_than_the_commands_explains_nothing_by_chance():
+    random, time = np.random.default_rng(6), DT * np.arange(0, 8000, STEP)
+    signals = (LogSignal(time=time, values=random.standard_normal((len(time), 3))) for _ in range(2))
+    log = FlightLog(source="x", system="px4", gyro=next(signals), command=next(signals))
+    filled = fill_command(log)
+    assert filled is not None
+    shares = [float(each) for each in re.findall(r"\d+(?=,| %)", filled.findings[-1])]
+    assert max(shares) < 10.0
 
 
 @pytest.mark.parametrize(
