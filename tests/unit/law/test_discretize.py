@@ -57,6 +57,21 @@ def test_central_law_refuses_a_discrete_controller(dt):
     assert law_of(K.to_control(), scheduled=False).order == K.order
 
 
+@pytest.mark.parametrize(("inputs", "has_reference"), [(3, False), (5, False), (6, True), (8, True)])
+def test_the_limited_rate_is_asked_for_by_attitude_and_by_a_reference_if_there_is_one(inputs, has_reference):
+    rng = np.random.default_rng(3)
+    A, D = 0.1 * rng.normal(size=(7, 7)) - np.eye(7), 0.1 * rng.normal(size=(3, inputs))
+    K = Lti(A=A, B=rng.normal(size=(7, inputs)), C=rng.normal(size=(3, 7)), D=D)
+    law = central_law(
+        "test", K, scheduled=True, dt=DT, limits=np.ones(3), output=Output.TORQUE,
+        provenance=Provenance(design="", vehicle=""), rate_limits=np.full(3, 2.0),
+    )  # fmt: skip
+    S, T = law.rate_limit.S, law.rate_limit.T
+    np.testing.assert_array_equal(np.diag(T[:, 3:6]), -np.diag(S[:, :3]) * has_reference)
+    assert np.count_nonzero(S) == 3
+    assert np.count_nonzero(T) == 3 * has_reference
+
+
 def test_the_linear_law_is_tustins():
     K = central("D1")
     law, sampled = law_of(K, scheduled=False), tustin(K, DT)

@@ -125,6 +125,14 @@ def test_heartbeat_comes_at_once_to_who_speaks_first_then_every_second_and_on_a_
     assert beat.base_mode & wire.MAV_MODE_FLAG_SAFETY_ARMED
 
 
+def test_stamps_run_on_between_samples_in_real_time(vehicle):
+    vehicle.take_off()
+    for us, stamp_us in ((0, 0), (1000, 1000), (3000, 4000), (2500, 6500)):
+        vehicle.wait(us)
+        vehicle.poll()
+        assert vehicle.endpoint.stamp_us == stamp_us
+
+
 def test_a_heartbeat_a_second_and_a_warning_five_are_exact(vehicle):
     vehicle.say(HEARTBEAT)
     vehicle.wait()
@@ -140,6 +148,8 @@ def test_a_heartbeat_a_second_and_a_warning_five_are_exact(vehicle):
 
 def test_expected_peer_is_told_of_the_vehicle_unasked_and_of_nothing_else():
     vehicle = Vehicle(lockstep=False, expected=[(0, ("client", 14550))])
+    vehicle.poll()
+    assert [frame.message_id for frame in vehicle.heard[14550]] == [0]  # a heartbeat, at once
     vehicle.wait(2_500_000)
     assert Counter(frame.message_id for frame in vehicle.heard[14550]) == {wire.MAVLINK_MSG_ID_HEARTBEAT: 3}
 

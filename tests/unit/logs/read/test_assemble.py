@@ -47,6 +47,16 @@ def test_assemble_keeps_the_longest_piece_of_a_clock_that_is_set_anew() -> None:
     assert "clock: set anew; the longest piece is kept, 3.0 s with 1,500 of 2,000 gyro samples" in log.findings
 
 
+def test_assemble_leaves_out_what_follows_the_longest_piece() -> None:
+    clock = np.concatenate([TIME[:1500], TIME[:500] + 1.0])  # set back
+    place = np.concatenate([np.arange(400), np.arange(1500, 2000)])
+    motors = rows(clock[place], np.linspace(0.1, 1.0, 900), place)
+    log = assemble(draft(clock, motors=motors))
+    assert log.motors is not None
+    assert (len(log.gyro.time), len(log.motors.time)) == (1500, 400)
+    assert not [line for line in log.findings if "left out" in line]  # none of the piece itself
+
+
 PLACES = {
     "far future": ([700], 2.0**60 * 1e-6),
     "near future": ([700], TIME[700] + 0.1),

@@ -58,6 +58,15 @@ def test_the_gyro_before_its_filters_is_read_where_it_is_logged(
     assert log.gyro.values == pytest.approx(np.array([row[2:] for row in raw[::2]]), abs=1e-6)
 
 
+@pytest.mark.parametrize("columns", ["TimeUS,A,B,C", "TimeUS,A", "TimeUS,A,A", "TimeUS,,B"])
+def test_a_message_whose_columns_do_not_fit_its_format_is_left_out(
+    written: Write, ardupilot_messages: Messages, make_dataflash: Callable[..., bytes], columns: str
+) -> None:
+    ardupilot_messages["CTUN"] = ("Qff", columns, [(5_000_000 + 2500 * i, 1.0, 2.0) for i in range(9)])
+    log = read_log(written("a.bin", make_dataflash(ardupilot_messages)))
+    assert len(log.gyro.time) == 800
+
+
 def test_read_log_of_ardupilot_matches_pymavlink(written: Write, ardupilot_log: bytes) -> None:
     path = written("a.bin", ardupilot_log)
     log, theirs = read_log(path), DFReader.DFReader_binary(str(path))
