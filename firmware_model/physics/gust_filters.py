@@ -25,6 +25,7 @@ MIL-HDBK-1797, Flying Qualities of Piloted Aircraft, 1997, section 4.9 (low-alti
 import math
 from collections.abc import Sequence
 from decimal import Decimal, localcontext
+from functools import lru_cache
 from typing import NamedTuple
 
 FOOT = 0.3048
@@ -126,18 +127,17 @@ def low_altitude_spectrum(
     if not (airspeed > 0.0 and span > 0.0 and altitude <= 1000.0 * FOOT):
         raise ValueError("airspeed and span must be positive, and altitude at most 304.8 m (1000 ft)")
     height = max(altitude / FOOT, 10.0)
-    shear = 0.177 + 0.000823 * height
+    shear, transverse = 0.177 + 0.000823 * height, 2.0 if handbook else 1.0
     sigma_w = 0.1 * wind_speed_20ft
     sigma_u = sigma_w / _power(shear, 0.4)
-    transverse = 2.0 if handbook else 1.0
-    L_u = height / _power(shear, 1.2) * FOOT
-    whole_L_w = height * FOOT
+    L_u, whole_L_w = height / _power(shear, 1.2) * FOOT, height * FOOT
     third_root = _power(math.pi * whole_L_w / (4.0 * span), 1.0 / 3.0)
     variance_p = sigma_w**2 / whole_L_w * 0.8 * third_root * math.pi**2 / (8.0 * span)
     sigmas, lengths = (sigma_u, sigma_u, sigma_w), (L_u, L_u / transverse, whole_L_w / transverse)
     return DrydenSpectrum(*sigmas, *lengths, math.sqrt(variance_p), airspeed, transverse)
 
 
+@lru_cache  # it takes .2 ms, and all flights of a campaign share height and span
 def _power(x: float, exponent: float) -> float:
     with localcontext(prec=DIGITS):
         return float(Decimal(x) ** Decimal(exponent))
