@@ -38,24 +38,22 @@ def pytest_collection():
         gc.enable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Measure coverage of unit tests that are not slow: the others would take half as long again, and reach no more."""
-    for item in items:
-        if UNITS not in item.path.parents or item.get_closest_marker("slow"):
-            item.add_marker("no_cover")
-
-
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
-    """Pause coverage in the set-up of a test that is not measured: pytest-cov pauses it in the test alone."""
-    measured = item.get_closest_marker("no_cover") and coverage.Coverage.current()
-    if measured:
-        measured.stop()
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[object]:
+    """Measure coverage of unit tests that are not slow: the others would take half as long again, and reach no more.
+
+    All measurements are paused: in a worker pytest-cov starts two, one in the other, and its `no_cover` pauses one.
+    """
+    paused: list[coverage.Coverage] = []
+    if UNITS not in item.path.parents or item.get_closest_marker("slow"):
+        while each := coverage.Coverage.current():
+            each.stop()
+            paused.append(each)
     try:
         return (yield)
     finally:
-        if measured:
-            measured.start()
+        for each in reversed(paused):
+            each.start()
 
 
 def pytest_configure() -> None:
