@@ -102,6 +102,7 @@ def levelled(law: Law) -> Law:
     return replace(law, B=B, D=D, rate_limit=None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [load_law("hinf-scheduled"), load_law("indi"), levelled(load_law("pid-fair"))])
 def test_what_is_foretold_flies(law: Law) -> None:
     vehicle = replace(VEHICLE, accelerometer=replace(VEHICLE.accelerometer, noise_density=0.005))

@@ -126,6 +126,7 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments, words, tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_gains_of_an_autopilot_have_the_true_error_first(monkeypatch):
     tuning = AutopilotTuning(
         kind="px4", parameters={"MC_ROLL_P": 5.0}, law=load_law("flagship"), rmse=0.0015, seen_rmse=0.00085, slew=21.29,

@@ -59,6 +59,7 @@ def test_a_weaker_law_is_worse_and_the_same_law_alike(laws: Path) -> None:
     assert same["seeds"] < 20
 
 
+@pytest.mark.slow
 def test_several_scenarios_and_a_controller_of_ones_own_are_told_apart_with_their_margins(laws: Path) -> None:
     (laws / "mine.py").write_text(OWN)
     (laws / "other.toml").write_text(SHORT.replace("15.0", "8.0").replace("6.0", "2.0"))

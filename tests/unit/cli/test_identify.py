@@ -98,6 +98,7 @@ def test_the_report_opens_without_a_network(identified):
     assert not any(f'{key}="http' in page for key in ("src", "href"))
 
 
+@pytest.mark.slow
 def test_the_terminal_shows_the_table_and_the_next_step(flight, tmp_path, monkeypatch):
     found = []  # identified once, shown twice
     monkeypatch.setattr(

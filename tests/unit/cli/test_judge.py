@@ -120,6 +120,7 @@ def test_a_log_without_gains_that_are_known_is_refused(tmp_path, name, told):
     assert told in result.stderr.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_the_gains_of_a_log_are_those_of_its_parameters(quick, monkeypatch, tmp_path):
     gyro = LogSignal(time=np.arange(2.0), values=np.zeros((2, 3)))
     log = FlightLog(source="flight.ulg", system="px4", gyro=gyro, findings=("no accelerometer",),

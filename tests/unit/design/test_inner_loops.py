@@ -81,6 +81,7 @@ def test_file_is_read_back_equal_and_a_wrong_key_is_named(tmp_path):
         load_inner_loops(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "yaw", [STOCK.yaw, InnerLoop(omega=8.11, damping=0.057, delay=0.045)], ids=["slow", "resonant"]
 )

@@ -53,6 +53,7 @@ def test_the_default_pid_is_what_the_autotuner_makes() -> None:
     assert_same(DERIVATIONS["pid-default"](), load_law("pid-default"), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_fair_pid_is_what_the_search_finds() -> None:
     # The search ends within 2e-5 of the same gains from any of four starts.
     assert_same(DERIVATIONS["pid-fair"](), load_law("pid-fair"), rtol=1e-3)
@@ -100,11 +101,13 @@ def test_the_indi_law_is_the_stronger_baseline_in_turbulence() -> None:
     assert max(flight.peak_roll_deg for flight in flown("indi", "coning")) <= 0.05
 
 
+@pytest.mark.slow
 def test_the_flagship_is_what_the_search_finds() -> None:
     # From other starts it ends within 4e-5 of the same law.
     assert_same(DERIVATIONS["flagship"](), load_law("flagship"), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_robust_flagship_is_what_the_search_finds() -> None:
     assert_same(DERIVATIONS["flagship-robust"](), load_law("flagship-robust"), rtol=1e-3)
 

@@ -19,6 +19,7 @@ def test_every_block_is_followed_by_what_it_prints():
     assert len(PAIRS) == PAGE.count("```python\n") == PAGE.count("```text\n") == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("block", "shown"), PAIRS, ids=[shown.split("\n")[0] for _, shown in PAIRS])
 def test_a_block_prints_what_the_page_shows(block, shown):
     printed = StringIO()

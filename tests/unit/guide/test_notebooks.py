@@ -34,6 +34,7 @@ def cells(name: str) -> Iterator[NotebookCell]:
     return (cell for cell in split_cells(NOTEBOOKS[name]) if cell.kind != "text")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_a_notebook_runs_and_its_check_asks_for_the_exercise(name: str, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)

@@ -478,6 +478,7 @@ def test_drift_grows_with_what_is_left_open_between_samples():
     assert held.evidence["box"] == slow.evidence["box"] == any_function.evidence["box"]
 
 
+@pytest.mark.slow
 def test_noisy_flights_stay_within_the_truths_bound():
     law, horizon = load_law("flagship"), 6.0
     certificate = certify("flagship", horizon, noise=NOISE)

@@ -122,6 +122,7 @@ def test_the_example_of_the_slope_in_the_iqc_toolbox_is_proved():
     assert prove(lure(list(G), list(den), 100.0), phi=Slope(poles=(1.0, 10.0, 100.0))).proven
 
 
+@pytest.mark.slow
 def test_parameters_of_any_speed_and_a_delay_are_proved_together():
     pole = ureal("rate", range=(0.8, 1.2))
     loop = append(late(), pole)

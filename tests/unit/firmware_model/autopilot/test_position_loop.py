@@ -26,6 +26,7 @@ def fly(loop: VehicleLoop, setpoint: Setpoint, seconds: float) -> np.ndarray:
     return np.array([loop.advance(setpoint, 0).copy() for _ in range(round(250 * seconds))]).view(RECORD)[:, 0]
 
 
+@pytest.mark.slow
 @by_vehicle
 def test_it_holds_its_place_in_moderate_gusts_within_a_few_metres(vehicle):
     for seed in (1, 2, 3):

@@ -99,6 +99,7 @@ def test_a_case_scales_the_gusts_and_begins_in_its_attitude():
     assert Case(vehicle=VEHICLE, seed=3).apply_to(SHORT) == SHORT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("law", list_laws())
 def test_flights_side_by_side_are_those_one_by_one_with_every_law(law, translation):

@@ -36,6 +36,7 @@ def quaternion(angles: np.ndarray) -> tuple[float, float, float, float]:
     return d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c, a * b * c + d * e * f
 
 
+@pytest.mark.slow
 def test_errors_in_stronger_wind_are_predicted_and_a_file_of_another_form_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -132,6 +132,7 @@ def test_a_disturbance_that_is_no_turbulence_tells_no_air(perfect, log_of):
         estimate_air(log_of(records), perfect(IRIS), IRIS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("airspeed", "told"), [(3.0, "slower"), (10.0, ""), (59.0, "quicker")])
 def test_gusts_that_pass_at_another_speed_than_the_wind_are_doubted(perfect, log_of, airspeed, told):
     air = estimate_air(log_of(fly()), perfect(IRIS), IRIS)
@@ -139,6 +140,7 @@ def test_gusts_that_pass_at_another_speed_than_the_wind_are_doubted(perfect, log
     assert bool(replace(air, wind_speed_20ft=12.0, airspeed=airspeed).doubt) == bool(told)
 
 
+@pytest.mark.slow
 def test_lost_samples_change_little(perfect, log_of):
     records = fly()
     log = log_of(records)
@@ -159,6 +161,7 @@ def test_the_wind_of_turbulence_is_found_within_two_decibels(perfect, log_of, wi
     assert np.median([air.yaw_ratio for air in found]) == pytest.approx(IRIS.gust_yaw_ratio, rel=0.5)
 
 
+@pytest.mark.slow
 def test_the_wind_file_replays_the_moments(perfect, log_of, tmp_path):
     records, found = fly(), perfect(IRIS)
     air = estimate_air(log_of(records), found, IRIS)
@@ -180,6 +183,7 @@ def test_the_scenario_has_the_turbulence_and_the_delay(perfect, log_of):
     assert scenario.delay_samples == 3
 
 
+@pytest.mark.slow
 def test_motors_explain_what_torques_do(perfect, log_of):
     """Give the same commands as speeds of two motors whose thrust difference is the torque."""
     records = fly()

@@ -47,6 +47,7 @@ def make_log(system: str, hertz: int, lag: float, *, raw: bool, slow_yaw: bool =
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "hertz", "lag", "raw"),
     [
@@ -76,6 +77,7 @@ MOVING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "name", "rotors"), [("ardupilot", "INS_HNTCH", 1), ("px4", "IMU_GYRO_DNF", 4)])
 def test_a_notch_that_moves_is_taken_where_it_was_in_flight(system: str, name: str, rotors: int) -> None:
     """It follows rotors of 54 to 66 Hz; on the ground, before 2 s, they stand still."""
@@ -150,6 +152,7 @@ def test_noise_of_a_filtered_gyro_is_white_again(system: str) -> None:
     assert filter_command(sparse).gyro is sparse.gyro
 
 
+@pytest.mark.slow
 def test_yaw_that_tells_no_lag_has_that_of_roll_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"_APART": -1e9, "_FAR_APART": 1e9, "_KNOWN_LAG": 0.1}.items():
         monkeypatch.setattr(identify_vehicle, name, value)

@@ -148,6 +148,7 @@ def brief() -> FlightLog:
     return random_log(1011, duration=20.0)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("means", [1, 2])
 def test_filtered_gyro_is_used_with_wider_spacing(brief, means):
     """Means of samples, as PX4 logs them: their coloured noise once turned delay into lag.
@@ -248,6 +249,7 @@ def test_slow_and_fast_motors_are_told_apart():
     assert np.all(found.motor_intervals[..., 0] < found.motor_intervals[..., 1])
 
 
+@pytest.mark.slow
 def test_crazyflie_in_flight_is_predicted_over_its_last_third():
     """The whole flight has a lag of .0639 s, published is .072 s; another flight of that vehicle has .055 s."""
     found = identify(read_log(Path(__file__).parent / "data" / "crazyflie.log"))

@@ -39,6 +39,7 @@ def spring_plant(share: float) -> Uncertain:
     return plant * (1 + share * ultidyn("delta"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounds", [(3.0, 5.0), (3.5, 6.0)])
 @pytest.mark.parametrize("dt", [0.0, 0.1])
 def test_the_edge_of_stability_is_a_value_in_the_parameters_own_unit(bounds, dt):
@@ -66,6 +67,7 @@ def test_a_complex_value_on_the_edge_is_a_member_there(unknown):
     assert wcgain(0.9 * found.lower * unknown, **FAST).lower == pytest.approx(0.45 * found.lower, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_worst_member_has_the_worst_gain_and_no_sample_exceeds_the_bound():
     S = feedback(1, spring_plant(0.3) * PID)
     found, margin = wcgain(S, **FAST), robgain(S, 2.0, accuracy=0.05)
@@ -80,6 +82,7 @@ def test_the_worst_member_has_the_worst_gain_and_no_sample_exceeds_the_bound():
     assert (alone.lower, alone.upper) == (pytest.approx(0.1), pytest.approx(0.1, rel=0.01))
 
 
+@pytest.mark.slow
 def test_units_similarity_and_the_order_of_blocks_change_no_margin():
     rng, found = np.random.default_rng(4), []
     for unit, swap in ((1.0, False), (1e6, True)):
@@ -176,6 +179,7 @@ PUBLISHED = [
 RobustAndOptimalControl.jl/test."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("page", "bound", "printed"), PUBLISHED, ids=range(len(PUBLISHED)))
 def test_published_figures_are_met(page, bound, printed):
     low, high = bound()
@@ -232,6 +236,7 @@ def test_mu_over_frequency_is_that_of_each_matrix():
     assert float(repeated.upper) == pytest.approx(math.sqrt(6.0), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_worst_disk_margin_has_its_member():
     found = wcmargin(ureal("k", 4.0, percent=25) * CUBIC, accuracy=0.05)
     worst = diskmargin(5.0 * CUBIC).output

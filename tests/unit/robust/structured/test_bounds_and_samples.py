@@ -37,6 +37,7 @@ def closed_poles(result: StructResult, P: Lti) -> np.ndarray:
     return lft(P, result.controller).poles()
 
 
+@pytest.mark.slow
 def test_a_sampled_plant_gets_a_sampled_controller_with_the_norm_of_its_own_loop():
     P = axis(0.05)
     result = hinfstruct(P, 2, 1, order=1, starts=1)

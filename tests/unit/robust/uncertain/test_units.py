@@ -118,6 +118,7 @@ def test_disk_margins_do_not_change_with_units(seed):
     assert constant == pytest.approx(margins(L, ss([], [], [], -np.eye(2))).input_disk, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_worst_margin_does_not_change_with_units():
     lag = ss([[0.0, 1.0], [0.0, -2.0]], [[0.0], [1.0]], [[2.0, 0.0]], 0.0)
     loop = ureal("gain", range=(0.5, 1.5)) @ lag
@@ -209,6 +210,7 @@ def test_units_are_powers_of_two_that_change_no_response():
     assert changed == pytest.approx(system.M.response([0.3, 3.0]), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("speeds", "part"),
     [(None, None), ({"a": 1.0}, None), (None, Delay(largest=0.5)), (None, Sector()), (None, Slope(poles=(3.0,)))],

@@ -113,6 +113,7 @@ def test_predicted_error_is_that_of_real_flights(judge, kind, name):
     assert found.seen_rmse_deg == pytest.approx(MEASURED[kind, name], rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", list(FRAGILE))
 def test_gains_made_fragile_are_called_so_and_fail_where_sound_ones_fly(judge, tuned, case):
     parameters, vehicles = FRAGILE[case]
@@ -204,6 +205,7 @@ def test_the_budget_is_three_deviations_of_the_moment_flown():
     assert 3.0 * np.std(flown, axis=0) == pytest.approx(found, rel=0.15)
 
 
+@pytest.mark.slow
 def test_better_gains_keep_the_price_are_sound_and_no_better_than_themselves(judge, monkeypatch):
     found = judge("D filter far too low", None)
     better = improve(found, PAPER)

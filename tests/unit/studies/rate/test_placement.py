@@ -29,6 +29,7 @@ def standing():
         return SimpleNamespace(limits=limits, places=places)
 
 
+@pytest.mark.slow
 def test_laws_stand_above_the_least_at_their_price_and_that_above_the_limit(standing):
     assert standing.places["hinf-rates"] is None
     for name in ("pid-fair", "indi"):

@@ -51,6 +51,7 @@ def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(k
     assert loaded.dt == steps[0].tuning.law.dt
 
 
+@pytest.mark.slow
 def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No step is written that is unstable, as the first ones are."""
     flown = autopilot_law("px4", {"MC_ROLLRATE_P": 3.0}, IRIS.nominal).law

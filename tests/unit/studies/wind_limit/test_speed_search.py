@@ -24,6 +24,7 @@ def search(tail: Tail, median: float, spread: float, risk: float, random: np.ran
     return find_speed_limit(fails, risk=risk, least=0.5, most=40.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tail", TAILS)
 def test_both_ends_are_right_whatever_the_tail(tail: str) -> None:
     random, wrong, enclosed = np.random.default_rng(11), 0, 0
@@ -39,6 +40,7 @@ def test_both_ends_are_right_whatever_the_tail(tail: str) -> None:
     assert enclosed >= 54
 
 
+@pytest.mark.slow
 def test_a_risk_just_at_a_tested_speed_is_claimed_on_neither_side_too_often() -> None:
     random, wrong = np.random.default_rng(5), 0
     for _ in range(100):  # flat: each test sees the risk itself, a little above it

@@ -56,6 +56,7 @@ def found() -> WindLimit:
     return limit_of(load_law("flagship"), load_vehicle_set("paper"), KEEP, with_map=True)
 
 
+@pytest.mark.slow
 def test_other_flights_agree_with_both_ends() -> None:
     limit, vehicle, kept = found().turbulence, load_vehicle_set("paper").nominal, parse_keep(KEEP)
     assert limit.low is not None
