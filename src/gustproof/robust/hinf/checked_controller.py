@@ -42,8 +42,7 @@ class CheckedController(Shown):
 
     def lines(self) -> list[str]:
         """Return its size, level and norm, then what was checked."""
-        K = self.controller
-        size = f"{K.n_outputs} x {K.n_inputs}, {K.order} states, {f'{K.dt:g} s' if K.dt else 'continuous'}"
+        size = self.controller.describe_size()
         least = getattr(self, "gamma_opt", None)
         known = [] if least is None else [f"least level: {least:.6g}"]
         where = f" at {self.omega:.4g} rad/s" if np.isfinite(self.omega) else ""

@@ -20,6 +20,7 @@ from gustproof.robust.lti.state_space import (
     sensitivity,
     series,
 )
+from gustproof.robust.shown import Shown
 
 _POINTS = 2000
 """Number of frequencies, evenly spaced in the logarithm, between which crossings are bracketed and then refined."""
@@ -34,8 +35,8 @@ _STANDING = 1e-12
 """[-] speeds below this fraction of the fastest of a loop are rounding of an integrator's, which is 0."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoopMargins:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class LoopMargins(Shown):
     """Margins of one channel, the others closed."""
 
     crossover: float
@@ -51,6 +52,12 @@ class LoopMargins:
     Ms: float
     """[-] H-infinity norm of the sensitivity."""
 
+    def lines(self) -> list[str]:
+        """Return the margins in one line."""
+        gains = f"gains {self.gain_reduction_margin:.3g} to {self.gain_margin:.3g}"
+        turns = f"phase {math.degrees(self.phase_margin):.3g} deg, delay {1e3 * self.delay_margin:.3g} ms"
+        return [f"Margins of a loop: Ms {self.Ms:.4g}, {gains}, {turns}, crossover {self.crossover:.4g} rad/s"]
+
 
 def worst_loop(loops: Sequence[LoopMargins]) -> LoopMargins:
     """Return the worst of each margin of some loops, and their highest crossover."""
@@ -64,8 +71,8 @@ def worst_loop(loops: Sequence[LoopMargins]) -> LoopMargins:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Margins:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Margins(Shown):
     """Margins of a loop of several channels, broken at the plant's input and at its output."""
 
     input: tuple[LoopMargins, ...]
@@ -76,6 +83,16 @@ class Margins:
     """[-] guaranteed multi-loop disk margin at the plant input."""
     output_disk: float
     """[-] guaranteed multi-loop disk margin at the plant output."""
+
+    def lines(self) -> list[str]:
+        """Return the disk margins, then a line for each loop."""
+        disks = f"disk, all channels at once: {self.input_disk:.4g} at the input, {self.output_disk:.4g} at the output"
+        loops = [
+            f"{place} {number}: {loop.lines()[0].partition(': ')[2]}"
+            for place, each in (("input", self.input), ("output", self.output))
+            for number, loop in enumerate(each, 1)
+        ]
+        return ["Margins", disks, *loops]
 
 
 def margins(G: LinearSystem, K: LinearSystem) -> Margins:

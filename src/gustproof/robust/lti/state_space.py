@@ -14,11 +14,13 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgesdd
 
+from gustproof.robust.shown import Shown
 from gustproof.types import readonly_copy
 
 if TYPE_CHECKING:
     import control
 
+_SHOWN_POLES = 6
 _UNNAMED = re.compile(r"[uy]\[\d+\]")
 """Names that python-control gives to signals."""
 
@@ -50,8 +52,8 @@ class LinearSystem(Protocol):
         """Sample time; 0 for continuous time, which scipy writes as `None`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lti:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Lti(Shown):
     """A linear system of n states, m inputs and p outputs; arrays are checked on construction, then read-only.
 
     Raises
@@ -65,6 +67,9 @@ class Lti:
     >>> lag = Lti(A=[[-2.0]], B=[[2.0]], C=[[1.0]], D=[[0.0]])
     >>> (lag.order, lag.is_stable())
     (1, True)
+    >>> lag
+    Lti: 1 x 1, 1 states, continuous
+    poles: stable, -2
     """
 
     A: Matrix
@@ -105,6 +110,21 @@ class Lti:
     def n_outputs(self) -> int:
         """Number of outputs."""
         return int(self.D.shape[0])
+
+    def lines(self) -> list[str]:
+        """Return its size, and the slowest poles."""
+        title, poles = f"Lti: {self.describe_size()}", self.poles()
+        if not len(poles):
+            return [title]
+        slowest = poles[np.argsort(np.abs(np.log(poles) if self.dt and np.all(poles) else poles), kind="stable")]
+        told = ", ".join(f"{pole if pole.imag else pole.real:.4g}" for pole in slowest[:_SHOWN_POLES])
+        more = f" and {len(poles) - _SHOWN_POLES} more" if len(poles) > _SHOWN_POLES else ""
+        return [title, f"poles: {'stable' if self.is_stable() else 'unstable'}, {told}{more}"]
+
+    def describe_size(self) -> str:
+        """Return outputs, inputs, states and sample time in words."""
+        time = f"{self.dt:g} s" if self.dt else "continuous"
+        return f"{self.n_outputs} x {self.n_inputs}, {self.order} states, {time}"
 
     def poles(self) -> ComplexMatrix:
         """Return the eigenvalues of `A`, (n,) [rad/s], or [-] in discrete time."""

@@ -108,3 +108,20 @@ def test_margins_do_not_depend_on_the_unit_of_time(time):
     found = margins(Lti(A=A / time, B=B / time, C=C, D=[[0.0]]), gain([[1.0]])).input[0]
     assert found.crossover * time == pytest.approx(0.99995, rel=1e-5)
     assert found.delay_margin / time == pytest.approx((math.pi / 2 - math.atan(0.0099995)) / 0.99995, rel=1e-5)
+
+
+def test_systems_and_margins_show_themselves_in_a_few_lines():
+    two = Lti(A=-np.eye(2), B=np.eye(2), C=np.eye(2), D=np.zeros((2, 2)))
+    gains = Lti(A=np.empty((0, 0)), B=np.empty((0, 2)), C=np.empty((2, 0)), D=-np.eye(2))
+    found = margins(two, gains)
+    title, disks, *loops = str(found).splitlines()
+    assert (title, disks) == ("Margins", "disk, all channels at once: 2 at the input, 2 at the output")
+    assert loops[0] == "input 1: Ms 1, gains 0 to inf, phase 180 deg, delay inf ms, crossover 0 rad/s"
+    assert [each.partition(":")[0] for each in loops] == ["input 1", "input 2", "output 1", "output 2"]
+    assert repr(found.input[0]) == f"Margins of a loop: {loops[0].partition(': ')[2]}"
+    assert repr(gains) == "Lti: 2 x 2, 0 states, continuous"
+    swinging = Lti(A=np.diag([-9.0, 0.5]), B=np.eye(2), C=np.eye(2), D=np.zeros((2, 2)), dt=0.1)
+    assert repr(swinging) == "Lti: 2 x 2, 2 states, 0.1 s\npoles: unstable, 0.5, -9"
+    chain = discretize_zoh(Lti(A=-np.diag(np.arange(1.0, 9.0)), B=np.eye(8), C=np.eye(8), D=np.zeros((8, 8))), 0.1)
+    assert str(chain).splitlines()[1] == "poles: stable, 0.9048, 0.8187, 0.7408, 0.6703, 0.6065, 0.5488 and 2 more"
+    assert "<th>poles</th>" in chain._repr_html_()
