@@ -9,6 +9,7 @@ import gc
 if __name__ == "__main__":  # what is imported stays: to look for garbage in it takes a sixth of the start
     gc.disable()
 
+import errno
 import json
 import sys
 from collections.abc import Sequence
@@ -121,6 +122,16 @@ def _check_options(options: VehicleOptions) -> None:
         raise ConfigError("--held and --air need a vehicle without --scenario and --lockstep")
 
 
+def _listen(port: int, host: str) -> socket:
+    try:
+        return udp.bind(port, host)
+    except ConfigError as error:
+        if getattr(error.__cause__, "errno", None) != errno.EADDRINUSE:
+            raise
+        advice = "end the other autopilot or real-time flight; `gustproof autopilot` also takes --instance, --bind-port"
+        raise ConfigError(f"{error}: {advice}") from None
+
+
 def _is_interactive(options: VehicleOptions) -> bool:
     return options.scenario is None and not options.lockstep
 
@@ -130,7 +141,7 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         host, _ = udp.resolve(options.bind, 0)
         signing = access.make_signing(host, options.signing_key)
         ports, remote_ports = _choose_ports(options)
-        sockets = [stack.enter_context(udp.bind(port, host)) for port in ports]
+        sockets = [stack.enter_context(_listen(port, host)) for port in ports]
         journal = _open_journal(stack, options, scenario, vehicle)
         endpoint = VehicleEndpoint(
             vehicle,

@@ -75,7 +75,7 @@ def bind(port: int, host: str = "127.0.0.1") -> socket.socket:
     except (OSError, OverflowError) as error:
         bound.close()
         reason = error.strerror if isinstance(error, OSError) else "not a port number"
-        raise ConfigError(f"can't listen on UDP port {port}: {reason}") from None
+        raise ConfigError(f"can't listen on UDP port {port}: {reason}") from error
     bound.setblocking(False)
     return bound
 

@@ -67,7 +67,7 @@ def test_port_in_use_is_told_in_one_line(capsys):
         assert command.main(["--json", "--bind-port", str(taken.getsockname()[1])]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert "Address already in use" in told.err
+    assert "Address already in use: end the other autopilot or real-time flight" in told.err
     assert len(told.err.splitlines()) == 1
 
 

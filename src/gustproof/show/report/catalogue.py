@@ -15,6 +15,7 @@ from firmware_model.config.scenario import SCENARIOS, Scenario, load_scenario
 from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import VEHICLES, Vehicle, load_vehicle
 from gustproof.design.designs import DESIGNS, Design, load_design
+from gustproof.flight.endpoint import DEFAULT_LAW
 from gustproof.law.form import LAWS, Law
 from gustproof.law.schedule import schedule_limits
 from gustproof.law.write.matrices import read_law
@@ -44,12 +45,20 @@ def summarize_law(law: Law) -> dict[str, Any]:
     """Return the facts of a law by which it is chosen."""
     return {
         "name": law.name,
-        "description": law.provenance.design,
+        "description": _describe_law(law),
         "vehicle": law.provenance.vehicle,
         "commands": law.output.value,
         "states": law.order,
         "rate_hz": round(1.0 / law.dt, 6),
     }
+
+
+def _describe_law(law: Law) -> str:
+    """Return what a law is, the delay and gain at which it was asked to stay stable, and whether it is the default."""
+    asked = law.provenance.parameters
+    delay, gain = asked.get("stable_delay_samples"), asked.get("stable_gain")
+    kept = f", stable at {delay:g} samples of delay and {gain:g} times the gain" if delay and gain else ""
+    return f"{law.provenance.design}{kept}{'; the default' if law.name == DEFAULT_LAW else ''}"
 
 
 def summarize_vehicle(vehicle: Vehicle) -> dict[str, Any]:
