@@ -324,10 +324,10 @@ def flown(trips: list[Trip]) -> list[Trip]:
 
 
 def test_files_keep_their_promises_on_the_true_vehicle(trips: list[Trip], flown: list[Trip]) -> None:
-    """Lag and delay are known to a tenth or two: a sixth of the vehicles has more than 1.1 times the nominal Ms."""
+    """Lag and delay are known to a tenth or two: a tenth of the vehicles has more than 1.1 times the nominal Ms."""
     assert len(flown) >= 0.3 * len(trips)
     assert all(trip.rests for trip in flown)
-    for limit, share in ((0, 0.2), (1, 0.05)):
+    for limit, share in ((0, 0.12), (1, 0.05)):
         found = [(trip.case.seed, trip.promised, trip.Ms) for trip in flown if trip.Ms > 1.1 * trip.promised[limit]]
         check_few(found, len(flown), share)
     slews = [(trip.case.seed, ratio) for trip in flown if not 0.8 < (ratio := trip.slew / trip.promised[2]) < 1.2]

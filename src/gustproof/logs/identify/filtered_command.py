@@ -24,7 +24,12 @@ from gustproof.types import Array
 
 _FINER = 4  # steps of the filters in a sample of the command, which is held
 _ALIKE = 0.02  # of sample times: beyond it gyro and command are not of the same turns of the loop
-_CALM, _CALM_NOTCH = (0.95, 0.8, 0.5), 0.98  # largest poles of inverses: they ring, and blow up what filters took away
+_GAPS = 1e-3  # share of lost samples, beyond which inverses ring all the time
+_EVEN, _UPPER_END = 1.1, 0.95  # largest logarithm of how parts of a white spectrum differ, and where the last ends
+_CALM, _CALM_NOTCH = (
+    (0.95, 0.8, 0.25, 0.0),
+    0.98,
+)  # largest poles of inverses: they ring, and blow up what filters took away
 
 
 def filter_command(log: FlightLog) -> FlightLog:
@@ -53,21 +58,23 @@ def _whiten(log: FlightLog) -> FlightLog:
     gyro, command = log.gyro, log.command
     if command is None or not is_whole(log, gyro) or abs(sample_time(command) / sample_time(gyro) - 1.0) > _ALIKE:
         return log
+    if np.mean([np.mean(np.diff(each.time) > 1.5 * sample_time(each)) for each in (gyro, command)]) > _GAPS:
+        return log
     filters = gyro_filters(log.system, log.parameters, 1.0 / sample_time(gyro))
     tries = [[_invert(each, calm) for each in filters] for calm in _CALM]
-    inverses = min(tries, key=lambda each: _unevenness(_run_all(gyro.values, each)))
+    uneven, _, inverses = min((_unevenness(_run_all(gyro.values, each)), i, each) for i, each in enumerate(tries))
+    if uneven > _EVEN:
+        return log
     gyro, command = (LogSignal(time=each.time, values=_run_all(each.values, inverses)) for each in (gyro, command))
     return replace(log, gyro=gyro, command=command)
 
 
 def _unevenness(values: Array) -> float:
-    """Return by how much the upper end of the spectrum of values (n, 3) differs from what is below, as a logarithm.
-
-    Filters that run faster than the log leave noise there that an inverse of the log's rate would blow up.
-    """
+    """Return how far parts of the upper half of the spectrum of values (n, 3) differ, as a logarithm."""
     power = welch(values, axis=0, nperseg=min(256, len(values)))[1].sum(axis=1)
-    low, high = (float(np.median(part)) for part in np.split(power, [len(power) // 2, int(0.8 * len(power))])[1:])
-    return abs(math.log(max(high, 1e-300) / max(low, 1e-300)))
+    parts = np.array_split(power[len(power) // 2 : int(_UPPER_END * len(power))], 5)
+    sizes = [max(float(np.median(part)), 1e-300) for part in parts]
+    return math.log(max(sizes) / min(sizes))
 
 
 def _invert(filtered: Biquad, calm: float) -> Biquad:

@@ -150,6 +150,12 @@ def test_noise_of_a_filtered_gyro_is_white_again(system: str) -> None:
     gyro, command = (lfilter(*butter(2, 10.0, fs=400.0), each.values[:, 0]) for each in (found.gyro, found.command))
     np.testing.assert_allclose(command[100:], gyro[100:], atol=0.1 * gyro.std())
     assert filter_command(sparse).gyro is sparse.gyro
+    # Neither is a log with holes, or one whose noise is not that of a filtered gyro.
+    whole, kept = log_every(1), np.arange(8000) % 100 > 2
+    holed = replace(whole, gyro=LogSignal(time=whole.gyro.time[kept], values=whole.gyro.values[kept]))
+    rough = replace(whole, gyro=LogSignal(time=whole.gyro.time[2:], values=np.diff(noise, 2, axis=0)))
+    assert filter_command(holed).gyro is holed.gyro
+    assert filter_command(rough).gyro is rough.gyro
 
 
 @pytest.mark.slow
