@@ -140,10 +140,11 @@ def _fly(law: Flown, options: ControllerOptions) -> int:
         connection.parse_target(options.connect)  # refused before anything is compiled
     if is_cold():
         report("compiling, once after an installation")
+    is_loaded = isinstance(law, Law) and not options.real_time
     if isinstance(law, Law):  # load or compile the machine code before the flight
         stepper = LawStepper(law, (1.0, 1.0, 1.0))
         stepper.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        if not options.real_time:
+        if is_loaded:
             load_exchange(stepper.packed)
     realtime.freeze_gc(off=True)
     script = _read_scenario(options)
@@ -165,7 +166,7 @@ def _fly(law: Flown, options: ControllerOptions) -> int:
     if options.real_time:
         realtime.request_fifo_scheduling()
     with _prints_apart(options):
-        connection.serve(endpoint, target, options.bind_port, report)
+        connection.serve(endpoint, target, options.bind_port, report, is_loaded=is_loaded)
     outcome = endpoint.outcome or ControllerOutcome.INTERRUPTED
     _print_summary(law, endpoint, outcome, as_json=options.json)
     return _EXIT.get(outcome, _EXIT_BROKEN_OFF)

@@ -53,8 +53,18 @@ def parse_target(text: str) -> Target:
     return Target(kind, udp.resolve(host, int(port)), text != "-")
 
 
-def serve(endpoint: ControllerEndpoint, target: Target, bind_port: int | None, report: Callable[[str], None]) -> None:
+def serve(
+    endpoint: ControllerEndpoint,
+    target: Target,
+    bind_port: int | None,
+    report: Callable[[str], None],
+    *,
+    is_loaded: bool = False,
+) -> None:
     """Serve an endpoint over the link until it has finished; `report` is called with lines for people.
+
+    Samples are exchanged in machine code only if that is loaded. To compile it in flight takes longer than a stream may
+    be silent.
 
     Raises
     ------
@@ -70,7 +80,7 @@ def serve(endpoint: ControllerEndpoint, target: Target, bind_port: int | None, r
         peer = target.address if target.kind == "udp" else _await_autopilot(endpoint, bound)
         if peer is not None:
             udp.connect(bound, peer)
-            udp.serve_lockstep(endpoint, bound, endpoint.exchange)
+            udp.serve_lockstep(endpoint, bound, endpoint.exchange if is_loaded else udp.no_exchange)
 
 
 def _bind(target: Target, bind_port: int | None, report: Callable[[str], None]) -> socket.socket:

@@ -127,12 +127,13 @@ class Served:
         self.ports: list[tuple[int, str]] = []
         self.busy: set[int] = set()
         self.endpoint: ControllerEndpoint | None = None
+        self.exchange: udp.Exchange | None = None
         monkeypatch.setattr(udp, "serve_lockstep", self.serve)
         monkeypatch.setattr(udp, "bind", self.bind)
         monkeypatch.setattr(udp, "connect", lambda *_: None)
 
-    def serve(self, endpoint: ControllerEndpoint, *_: object) -> None:
-        self.endpoint = endpoint
+    def serve(self, endpoint: ControllerEndpoint, _: socket.socket, exchange: udp.Exchange) -> None:
+        self.endpoint, self.exchange = endpoint, exchange
         endpoint.outcome, endpoint.message = self.outcome, self.message
         endpoint.channel.dropped.update(self.counted)
 
@@ -236,3 +237,12 @@ def test_address_that_is_none_is_refused(served, connect, capsys):
     told = f"gustproof controller: --connect is '{connect}', must be [udp:|udpin:|tcp:]HOST:PORT, as 127.0.0.1:14580\n"
     assert capsys.readouterr().err == told
     assert served.endpoint is None
+
+
+@pytest.mark.parametrize("options", [(), ("--real-time",)])
+def test_samples_are_exchanged_in_machine_code_only_where_it_is_loaded(options, served, monkeypatch):
+    """It would be compiled in flight, where a stall lets samples wait, and take ten seconds."""
+    loaded: list[object] = []
+    monkeypatch.setattr(command, "load_exchange", loaded.append)
+    assert command.main(["--law", "hinf-d1", "--connect", ADDRESS, *options]) == 0
+    assert bool(loaded) == (served.exchange != udp.no_exchange) == (not options)
