@@ -134,18 +134,22 @@ def _read_scenario(options: ControllerOptions) -> Scenario | None:
     return read_json(Scenario, name) or load_scenario(name) if name else None
 
 
+def _load(law: Law, *, exchanges: bool) -> bool:
+    """Load or compile the machine code before the flight, and return whether that of the exchange is there."""
+    stepper = LawStepper(law, (1.0, 1.0, 1.0))
+    stepper.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    if exchanges:
+        load_exchange(stepper.packed)
+    return exchanges
+
+
 def _fly(law: Flown, options: ControllerOptions) -> int:
     report: Callable[[str], None] = (lambda _: None) if options.json or options.exit_on_stdin_eof else _report
     if options.connect != "-":
         connection.parse_target(options.connect)  # refused before anything is compiled
     if is_cold():
         report("compiling, once after an installation")
-    is_loaded = isinstance(law, Law) and not options.real_time
-    if isinstance(law, Law):  # load or compile the machine code before the flight
-        stepper = LawStepper(law, (1.0, 1.0, 1.0))
-        stepper.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        if is_loaded:
-            load_exchange(stepper.packed)
+    is_loaded = isinstance(law, Law) and _load(law, exchanges=not options.real_time)
     realtime.freeze_gc(off=True)
     script = _read_scenario(options)
     references = () if script is None else script.references
