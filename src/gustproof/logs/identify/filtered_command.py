@@ -36,7 +36,8 @@ def filter_command(log: FlightLog) -> FlightLog:
     """Return the log with its commands behind the filters of its gyro; as it is if that is raw or none are known.
 
     Each value is the mean over the time until the next, so that holding it is no delay. Motors' thrust is filtered,
-    the square of their command.
+    the square of their command. Where that makes the gyro's noise white, gyro and command are then taken behind the
+    filters' inverse.
     """
     signal = log.command or log.motors
     if log.is_gyro_raw or signal is None or len(signal.time) < 2:
