@@ -49,7 +49,6 @@ def judged(document: dict[str, Any], law: str = LAW_TEXT, vehicle: str = VEHICLE
     return verdict.reason
 
 
-@pytest.mark.slow
 def test_true_roll_and_pitch_stay_in_a_box_for_ever(certificate):
     assert certificate.proven
     assert certificate.certified_fraction == 1.0
