@@ -189,7 +189,7 @@ def _tune_autopilot(
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.filter_tuning import tune_flown
-    from gustproof.studies.rate.tuning_steps import first_stable, plan_steps
+    from gustproof.studies.rate.tuning_steps import first_flyable, is_sound, plan_steps
 
     limit = wanted_slew(vehicles.nominal, script, slew, ms)
     with progress(f"tuning {start.kind}", quiet=as_json) as shown:
@@ -197,7 +197,7 @@ def _tune_autopilot(
             start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
         )
         steps = plan_steps(tuning, start.law, vehicles, script, start.log)
-    at = len(steps) - 1 if at_once else first_stable(steps)
+    at = len(steps) - 1 if at_once else first_flyable(steps)
     written = steps[at].tuning
     if output is not None:
         save_tuning(written, vehicles.nominal, output)
@@ -210,8 +210,17 @@ def _tune_autopilot(
     show(render_steps(steps, at))
     print(filters)
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
-    unstable = [f"step {at} is the first that is stable by the model: were the gains that flew those of the file?"]
-    tell_remarks(written.law.name, [*written.outside_ranges(), *(unstable if at > 1 and not at_once else [])])
+    remarks = written.outside_ranges()
+    if steps[0].margins is None:
+        remarks.append(
+            "the gains that flew are unstable by the model: are they those of the file, and is it the vehicle?"
+        )
+    if at > 1 and not at_once:
+        better = (
+            "is the first that `judge` calls sound" if is_sound(steps[at]) else "is the last; `judge` calls none sound"
+        )
+        remarks.append(f"step {at} is written: it {better} by its sensitivity peaks")
+    tell_remarks(written.law.name, remarks)
     print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:
         print(f"parameters in {output}: step {at} of {len(steps) - 1}")

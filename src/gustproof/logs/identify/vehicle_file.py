@@ -176,7 +176,10 @@ def _start(found: Identification, known: Known) -> _Draft:
     if known.mass is not None:
         draft.set("mass", known.mass, "given")
     elif known.like is None:
-        draft.findings.append(f"the mass of {document['mass']:.3g} kg is {origin}: weigh the vehicle and give it")
+        draft.findings.append(
+            f"the mass of {document['mass']:.3g} kg is {origin}: gains and margins do not depend on it, torques and "
+            "winds do: weigh the vehicle and give it"
+        )
     if known.thrust_max is not None:
         of = document["rotors"]["thrust_max"]
         draft.set("rotors.thrust_max", known.thrust_max, "given")
@@ -200,9 +203,7 @@ def _compare_mass(found: Identification, known: Known, like: Vehicle) -> tuple[f
         return known.mass / like.mass, f"assumed: {like.name} scaled to this mass"
     rows = known.inertia_B or (_measured_inertia(found) if _in_newton_metres(found) else None)
     if rows is None:
-        raise ConfigError(
-            f"{found.source}: its commands have no unit: give mass or inertia, or a vehicle that it is like"
-        )
+        return 1.0, f"assumed: of {like.name}, as neither mass nor inertia is given"
     ratio = [row / of for row, of in zip(rows[:2], like.inertia_B[:2], strict=True) if row is not None]
     return float(np.mean(ratio)) ** 0.6, f"assumed: {like.name} scaled to this inertia"
 

@@ -17,7 +17,7 @@ from gustproof.logs.read.flight_log import FlightLog
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
 from gustproof.studies.rate.failure_case import spectral_radius
 from gustproof.studies.rate.flight_error import flight_errors
-from gustproof.studies.rate.judge import MOST_SLEW, scenario_for, whole_slew
+from gustproof.studies.rate.judge import MOST_SLEW, NOMINAL_PEAK, SPREAD_PEAK, scenario_for, whole_slew
 from gustproof.studies.rate.plant_box import plant_box
 
 MOST_GAIN = 1.5
@@ -63,18 +63,34 @@ def plan_steps(
     return steps if log is None else _in_flight(steps, log, vehicles, scenario)
 
 
-def first_stable(steps: list[TuningStep]) -> int:
-    """Return the place of the first step that is stable with each vehicle of the spreads.
+def first_flyable(steps: list[TuningStep]) -> int:
+    """Return the place of the first step that a pilot may fly.
+
+    It is stable with each vehicle of the spreads. It has the sensitivity peaks that `judge` asks for, or lower ones than
+    the gains that fly, where those are stable by the model. If there is none, it is the last step.
 
     Raises
     ------
     DesignError
-        If none is.
+        If that is not stable.
     """
+    now = steps[0]
     for at, step in enumerate(steps[1:], start=1):
-        if step.margins is not None:
+        if is_sound(step) or (now.margins is not None and _is_safer(step, now)):
             return at
-    raise DesignError("none of the steps is stable with each vehicle of the spreads")
+    if steps[-1].margins is None:
+        raise DesignError("none of the steps is stable with each vehicle of the spreads")
+    return len(steps) - 1
+
+
+def is_sound(step: TuningStep) -> bool:
+    """Return whether a step has the sensitivity peaks that `judge` asks for."""
+    return step.margins is not None and step.tuning.Ms <= NOMINAL_PEAK and step.tuning.corner_Ms <= SPREAD_PEAK
+
+
+def _is_safer(step: TuningStep, now: TuningStep) -> bool:
+    one, other = step.tuning, now.tuning
+    return one.Ms <= other.Ms and one.corner_Ms <= other.corner_Ms
 
 
 def _in_flight(steps: list[TuningStep], log: FlightLog, vehicles: VehicleSet, scenario: Scenario) -> list[TuningStep]:

@@ -131,7 +131,6 @@ def test_every_number_tells_its_origin(perfect):
 @pytest.mark.parametrize(
     ("known", "unit", "said"),
     [
-        (Known(), CommandUnit.NORMALISED, "its commands have no unit: give mass or inertia"),
         (Known(inertia_B=(1.0, 1.0, 1.0)), CommandUnit.NEWTON_METRES, "measure the inertia"),
         (Known(like="no-such"), CommandUnit.NEWTON_METRES, "no vehicle named 'no-such'"),
         (Known(like="iris", thrust_max=1.0), CommandUnit.NEWTON_METRES, "thrust_max"),
@@ -141,6 +140,22 @@ def test_numbers_that_are_missing_or_wrong_are_named_in_one_line(perfect, known,
     with pytest.raises(ConfigError, match=said) as error:
         make_vehicle_file("mine", perfect(IRIS, unit=unit), known)
     assert "\n" not in str(error.value)
+
+
+def test_without_a_mass_one_is_assumed_and_gains_do_not_depend_on_it(perfect, tmp_path):
+    """A log of commands without a unit tells torque over inertia: the road from it to gains needs no scale."""
+    found = perfect(IRIS, unit=CommandUnit.NORMALISED)
+    file = make_vehicle_file("mine", found, Known())
+    told = (
+        "the mass of 1.5 kg is assumed: of iris, as neither mass nor inertia is given: gains and margins do not depend"
+    )
+    assert file.findings[0].startswith(told)
+    assert "# [kg] assumed" in next(line for line in file.text.splitlines() if line.startswith("mass = "))
+    heavy = loaded(make_vehicle_file("mine", found, Known(mass=6.0)), tmp_path).nominal
+    mine = loaded(file, tmp_path).nominal
+    one, other = (np.divide(each.torque_limit, each.inertia_B) for each in (mine, heavy))
+    np.testing.assert_allclose(one, other, rtol=1e-5)
+    assert mine.actuator_lag == heavy.actuator_lag
 
 
 def test_a_log_that_excites_nothing_gives_no_vehicle_but_the_manoeuvre(perfect):

@@ -17,7 +17,7 @@ from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
 from gustproof.errors import DesignError
 from gustproof.studies.rate.judge import MOST_SLEW
-from gustproof.studies.rate.tuning_steps import MOST_GAIN, first_stable, plan_steps
+from gustproof.studies.rate.tuning_steps import MOST_GAIN, first_flyable, is_sound, plan_steps
 
 AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
 FLOWN = {
@@ -53,24 +53,29 @@ def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(k
 
 @pytest.mark.slow
 def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No step is written that is unstable, as the first ones are."""
+    """No step is written that is unstable or fragile, as the first ones are."""
     flown = autopilot_law("px4", {"MC_ROLLRATE_P": 3.0}, IRIS.nominal).law
     goal = tune_gains("px4", IRIS, AIR, slew=4.0)
     now, *steps = plan_steps(goal, flown, IRIS, AIR)
     assert now.margins is None
     assert math.isinf(now.tuning.Ms)
     assert math.isfinite(steps[-1].tuning.Ms)
-    at = first_stable([now, *steps])
-    assert at > 1
-    assert [step.margins is None for step in steps[:at]] == [True] * (at - 1) + [False]
+    at = first_flyable([now, *steps])
+    assert at > next(place for place, step in enumerate(steps, start=1) if step.margins is not None) > 1
+    assert [is_sound(step) for step in steps[:at]] == [False] * (at - 1) + [True]
+    assert steps[at - 1].tuning.Ms <= 2.0 < steps[at - 2].tuning.Ms or steps[at - 2].tuning.corner_Ms > 2.5
+    assert first_flyable([steps[at - 3], steps[at - 2], steps[at - 1]]) == 1, "safer than gains that are stable"
+    assert first_flyable([now, *steps[: at - 1]]) == at - 1, "none is sound: the last"
     with pytest.raises(DesignError, match="none of the steps is stable"):
-        first_stable([now, now])
+        first_flyable([now, now])
     mine = tmp_path / "mine.params"
     write_parameters({"MC_ROLLRATE_P": "3"}, mine, GROUND_STATION_FORMS["px4"])
     monkeypatch.setattr("gustproof.studies.rate.filter_tuning.tune_gains", lambda *_, **__: goal)
     words = ["tune", "iris", "--from", str(mine), "-o", str(tmp_path / "new.params")]
     result = CliRunner().invoke(app, words)
-    assert f"px4: step {at} is the first that is stable by the model" in result.output
+    told = " ".join(result.output.split())
+    assert "px4: the gains that flew are unstable by the model" in told
+    assert f"px4: step {at} is written: it is the first that `judge` calls sound" in told
     assert f"new.params: step {at} of {len(steps)}" in "".join(result.output.splitlines())
 
 
