@@ -66,8 +66,8 @@ def plan_steps(
 def first_flyable(steps: list[TuningStep]) -> int:
     """Return the place of the first step that a pilot may fly.
 
-    It is stable with each vehicle of the spreads. It has the sensitivity peaks that `judge` asks for, or lower ones than
-    the gains that fly, where those are stable by the model. If there is none, it is the last step.
+    It is stable with each vehicle of the spreads. It has the sensitivity peaks that `judge` asks for, or lower ones
+    than the gains that fly, where those are stable by the model. If there is none, it is the last step.
 
     Raises
     ------
