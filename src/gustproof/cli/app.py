@@ -86,9 +86,9 @@ def _root(
     pass
 
 
-def _group(text: str, commands: dict[str, Callable[..., Any]], *, has_default: bool = False) -> typer.Typer:
-    """Return the group of some commands; the first one of a group with a default does not need its name."""
-    group = typer.Typer(cls=WithDefault if has_default else None, no_args_is_help=not has_default, help=text)
+def _group(text: str, commands: dict[str, Callable[..., Any]], *, alone: bool = False) -> typer.Typer:
+    """Return the group of some commands, of which the first does not need its name, nor arguments if it goes alone."""
+    group = typer.Typer(cls=WithDefault, no_args_is_help=not alone, help=text)
     for name, command in commands.items():
         group.command(name)(command)
     return group
@@ -97,11 +97,11 @@ def _group(text: str, commands: dict[str, Callable[..., Any]], *, has_default: b
 _identify = _group(
     "Identify a vehicle from the log of a flight, or by --connect the rate loops of an autopilot in flight.",
     {"log": identify, "rates": rates},
-    has_default=True,
+    alone=True,
 )
 _certify = _group(
     "Prove a bound on what disturbances do to a loop, or check a certificate.",
-    {"gain": gain, "box": box, "air": air, "check": check},
+    {"box": box, "gain": gain, "air": air, "check": check},
 )
 _campaign = _group(
     "Fly one scenario many times, find a rare event, or fly one run again.",
@@ -110,15 +110,15 @@ _campaign = _group(
 _autopilot = _group(
     "Run the simulated vehicle alone: on the ground, or by --scenario through one; or print its parameters.",
     {"stand": stand, "fly": autopilot_fly, "params": params},
-    has_default=True,
+    alone=True,
 )
 _controller = _group(
     "Fly a law or a controller of your own against an autopilot, or check how it keeps to the protocol.",
     {"run": controller_run, "check": controller_check},
-    has_default=True,
+    alone=True,
 )
-_law = _group("List the shipped laws, and show one.", {})
-_vehicle = _group("List the shipped vehicles, and show one.", {})
+_law = typer.Typer(no_args_is_help=True, help="List the shipped laws, and show one.")
+_vehicle = typer.Typer(no_args_is_help=True, help="List the shipped vehicles, and show one.")
 for kind, shown in (("law", _law), ("vehicle", _vehicle), ("design", design), ("scenario", scenario)):
     add_catalogue(shown, kind)
 

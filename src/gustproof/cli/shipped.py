@@ -5,13 +5,14 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from firmware_model.config.validation import did_you_mean, none_of
 from gustproof.cli.options import AsJson, complete, print_json
 
 
 class WithDefault(TyperGroup):
     """Group of commands of which the first does not need its name: what names no other one is for it.
 
-    An option that only another command has names that one.
+    Options that it lacks name the first one that has them all.
     """
 
     @property
@@ -21,8 +22,12 @@ class WithDefault(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the name of the command that is meant before its arguments."""
-        if args[:1] == ["--help"] or (args[0] in self.commands if args else ctx.resilient_parsing):
+        alone = ctx.resilient_parsing or self.no_args_is_help
+        if args[0] in (*self.commands, "--help", "-h") if args else alone:
             return super().parse_args(ctx, args)
+        another = len(args) > 1 and not args[1].startswith("-") and "." not in args[0]
+        if another and did_you_mean(args[0], self.commands):
+            ctx.fail(none_of(args[0], list(self.commands)))  # a mistyped name, with the argument of that command
         return super().parse_args(ctx, [self.find_meant(args), *args])
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
@@ -33,10 +38,9 @@ class WithDefault(TyperGroup):
 
     def find_meant(self, args: list[str]) -> str:
         """Return the name of the command that arguments are for."""
-        first, *others = ({each for p in command.params for each in p.opts} for command in self.commands.values())
-        given = {word.partition("=")[0] for word in args}
-        named = [name for name, own in zip(list(self.commands)[1:], others, strict=True) if given & (own - first)]
-        return named[0] if len(named) == 1 else self.default
+        modes = {name: {each for p in mode.params for each in p.opts} for name, mode in self.commands.items()}
+        given = {word.partition("=")[0] for word in args} & set().union(*modes.values())
+        return next((name for name, own in modes.items() if given <= own), self.default)
 
 
 def add_catalogue(group: typer.Typer, kind: str) -> None:

@@ -118,3 +118,22 @@ def test_a_word_of_other_programs_or_of_before_is_told_what_is_meant(word: str, 
     result = CliRunner().invoke(app, [word])
     assert result.exit_code == 2
     assert f"No such command '{word}': say gustproof {meant}" in result.output
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ("certify flagship --moment 1,1,1", "box"),
+        ("certify hinf-d2 --angle-rad 0.1", "gain"),
+        ("certify box.json --law flagship", "check"),
+        ("campaign gust-roll --runs 40", "fly"),
+        ("campaign gust-roll --run 3", "fly"),
+    ],
+)
+def test_a_mode_that_is_not_named_is_found_by_the_options(given: str, meant: str) -> None:
+    group, *words = given.split()
+    found: Any = typer.main.get_command(app)
+    assert found.commands[group].find_meant(words) == meant
+    mistyped = CliRunner().invoke(app, [group, f"{meant}x", *words])
+    assert f"'{meant}x' is none of " in mistyped.output
+    assert f"did you mean '{meant}'?" in " ".join(mistyped.output.replace("│", " ").split())
