@@ -38,6 +38,8 @@ class ImuSample(NamedTuple):
     """[rad/s] B."""
     specific_force_B: Vector
     """[m/s^2] B; (0, 0, -9.80665) at rest and level."""
+    tilt_deg: tuple[float, float] | None = None
+    """[deg] roll and pitch to track, by which the vehicle's position loop holds the place; `None` if it holds none."""
 
 
 class TorqueCommand(NamedTuple):

@@ -1,6 +1,9 @@
 """On-board altitude and position loops: P to velocity, PI to acceleration, acceleration to attitude and thrust.
 
 Navigation is ideal: position and velocity are the true ones.
+
+A controller outside may take the place of the attitude loop. Then `hold_place` gives the roll and pitch that it has to
+track, as PX4's position control does to its attitude control. The height stays with the loop on board.
 """
 
 import math
@@ -12,11 +15,13 @@ from firmware_model.numerics.compiled import kernel
 from firmware_model.numerics.elementary import arctan2, sin_cos
 from firmware_model.numerics.rotations import from_euler, rotate, to_euler
 from firmware_model.physics.rigid_body import Body
+from firmware_model.physics.sensors import float32
 from firmware_model.types import Quaternion, Vector
 
 _THRUST_MIN, _THRUST_MAX = 0.1, 0.9  # [-] of the weight, of the largest thrust; the margins are for torques
 _MIN_TILT_COSINE = 0.5  # [-] cosine of the tilt above which thrust compensates no further
 _MAX_HEADING_STEP = 0.2  # [rad] largest difference between heading command and present heading
+_UPRIGHT = 1e-9  # [-] least level part of the forward axis that has a heading
 
 
 class PositionState(NamedTuple):
@@ -27,6 +32,15 @@ class PositionState(NamedTuple):
     i_down: float
     down: float  # [m] N, latched height of altitude hold; NaN: none
     yaw: float  # [rad] latched heading; NaN: none
+
+
+class PlaceState(NamedTuple):
+    """State of the loop that holds the place around a controller outside, and what it asks for."""
+
+    i_north: float  # [m/s^2] integrated velocity errors
+    i_east: float
+    roll: float  # [deg] attitude set-point at the sample, float32 as on the wire
+    pitch: float
 
 
 class PositionParams(NamedTuple):
@@ -111,11 +125,30 @@ def _horizontal_acceleration(
 def attitude_for_acceleration(acceleration_N: Vector, yaw: float) -> Quaternion:
     """Return the attitude for a horizontal acceleration [m/s^2] N at a heading [rad], if thrust carries the weight."""
     sine, cosine = sin_cos(yaw)
+    phi, theta = _tilt_for_acceleration(acceleration_N, sine, cosine)
+    return from_euler(phi, theta, yaw)
+
+
+@kernel
+def _tilt_for_acceleration(acceleration_N: Vector, sine: float, cosine: float) -> tuple[float, float]:
+    """Return roll and pitch [rad] for a horizontal acceleration [m/s^2] N at the heading of a sine and cosine [-]."""
     ahead = acceleration_N[0] * cosine + acceleration_N[1] * sine
     right = acceleration_N[1] * cosine - acceleration_N[0] * sine
     theta = arctan2(-ahead, GRAVITY)
-    phi = arctan2(right, math.sqrt(GRAVITY * GRAVITY + ahead * ahead))
-    return from_euler(phi, theta, yaw)
+    return arctan2(right, math.sqrt(GRAVITY * GRAVITY + ahead * ahead)), theta
+
+
+@kernel
+def hold_place(params: PositionParams, x: PlaceState, body: Body) -> PlaceState:
+    """Return the next state, with roll and pitch [deg] that lead back to north 0 and east 0 at the present heading."""
+    loop = PositionState(x.i_north, x.i_east, 0.0, math.nan, math.nan)
+    loop, acceleration_N = _horizontal_acceleration(params, loop, body, 0.0, 0.0)
+    q_w, q_x, q_y, q_z = body.q_NB
+    ahead, aside = 1.0 - 2.0 * (q_y * q_y + q_z * q_z), 2.0 * (q_x * q_y + q_w * q_z)
+    level = max(math.sqrt(ahead * ahead + aside * aside), _UPRIGHT)
+    phi, theta = _tilt_for_acceleration(acceleration_N, aside / level, ahead / level)
+    degrees = 180.0 / math.pi
+    return PlaceState(loop.i_north, loop.i_east, float32(degrees * phi), float32(degrees * theta))
 
 
 @kernel

@@ -86,8 +86,9 @@ class Scenario:
     """One line that describes the scenario to users."""
     duration_s: Annotated[float, Field(gt=0.0, le=86_400.0)]
     """[s] simulated time from the first commanded sample, up to a day."""
-    translation: Literal["held", "free"] = "held"
-    """Held on a test stand, as in the paper, free in attitude only; or in free flight."""
+    translation: Literal["held", "free", "position_hold"] = "held"
+    """Held on a test stand, as in the paper, free in attitude only; or in free flight. With position_hold the vehicle's
+    position loop flies around the controller: it gives the roll and pitch to track, and the thrust."""
     altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 10.0
     """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
     control_rate_hz: Annotated[int, Field(ge=10, le=2000)] = CONTROL_RATE_HZ
@@ -194,7 +195,25 @@ class Scenario:
     @property
     def free(self) -> bool:
         """True in free flight, False on the stand."""
-        return self.translation == "free"
+        return self.translation != "held"
+
+    @property
+    def holds_place(self) -> bool:
+        """True if the vehicle's position loop flies around the controller."""
+        return self.translation == "position_hold"
+
+    @model_validator(mode="after")
+    def _check_place(self) -> Self:
+        if not self.holds_place:
+            return self
+        if self.has_link_script:
+            raise ValueError(
+                "translation: 'position_hold' has no link, controller or mode events: set-points need them"
+            )
+        for item in self.event:
+            if isinstance(item, events.AttitudeReference) and any(item.euler_deg[:2]):
+                raise ValueError("event: the roll and pitch of an 'attitude' are those of the position loop: give 0")
+        return self
 
     @model_validator(mode="after")
     def _check_events(self) -> Self:

@@ -3,7 +3,7 @@
 The wire uses the project's axes and units: N north-east-down, B forward-right-down, quaternions w, x, y, z from B to N.
 One exception: SET_ATTITUDE_TARGET is stamped in whole milliseconds.
 
-MAVLink, common message set, messages 0, 82, 83, 105, 139, 140.
+MAVLink, common message set, messages 0, 62, 82, 83, 105, 139, 140.
 """
 
 import math
@@ -29,6 +29,7 @@ _IMU = wire.MAVLink_highres_imu_message.unpacker
 _COARSE_IMU = {kind.id: kind.unpacker for kind in (wire.MAVLink_raw_imu_message, wire.MAVLink_scaled_imu_message)}
 _TORQUE = wire.MAVLink_set_actuator_control_target_message.unpacker
 _TARGET = wire.MAVLink_set_attitude_target_message.unpacker
+_TILT = wire.MAVLink_nav_controller_output_message.unpacker
 _MG = 9.80665e-3  # [m/s^2] unit of accelerations in RAW_IMU and SCALED_IMU
 _GYRO = 0x38  # HIGHRES_IMU_UPDATED_FLAGS: bits of the fields that carry a measurement
 _ACCELERATION_AND_GYRO = 0x7 | _GYRO
@@ -75,10 +76,23 @@ def imu_template(system: int) -> FrameTemplate:
     return FrameTemplate(wire.MAVLINK_MSG_ID_HIGHRES_IMU, system, AUTOPILOT, "<Q6f", _IMU_REST)
 
 
+def tilt_message(tilt_deg: tuple[float, float]) -> EncodedMessage:
+    """Return NAV_CONTROLLER_OUTPUT: roll and pitch [deg] that the position loop asks for; nothing else is told."""
+    return EncodedMessage(wire.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT, _TILT.pack(*tilt_deg, *[0] * 6))
+
+
 def sample_packer(channel: Channel, system: int) -> Callable[[ImuSample], bytes]:
-    """Return the packer of samples for one peer; all of a flight, a stream and a request leave through it."""
+    """Return the packer of samples for one peer; all of a flight, a stream and a request leave through it.
+
+    The tilt that holds a place stands before its sample in the same datagram: neither comes without the other.
+    """
     template = imu_template(system)
-    return lambda sample: channel.make(template, sample.time_us, *sample.specific_force_B, *sample.gyro_B)
+
+    def pack(sample: ImuSample) -> bytes:
+        before = b"" if sample.tilt_deg is None else channel.pack(tilt_message(sample.tilt_deg))
+        return before + channel.make(template, sample.time_us, *sample.specific_force_B, *sample.gyro_B)
+
+    return pack
 
 
 def torque_template(system: int) -> FrameTemplate:

@@ -123,7 +123,7 @@ class VehicleEndpoint:
         self._now_us = self._heartbeat_at_us = 0
         self._created_us: int | None = None
         self._announced_state: tuple[Mode, bool, bool] | None = None
-        self.exchanges = lockstep and not linked and signing is None
+        self.exchanges = lockstep and not linked and signing is None and not scenario.holds_place
         """True if machine code may fly its samples, see `exchange`."""
         self._line: tuple[tuple[Address, bool], LockstepLine] | None = None
         self._last, self._sample_us = scenario.samples - 1, scenario.sample_us

@@ -11,11 +11,13 @@ from firmware_model.autopilot.attitude_loop import (
     reset_integrators,
 )
 from firmware_model.autopilot.position_loop import (
+    PlaceState,
     PositionParams,
     PositionState,
     altitude_hold,
     attitude_for_acceleration,
     clear_heading,
+    hold_place,
     initial_position_state,
     latch_heading,
     position_hold,
@@ -27,7 +29,7 @@ from firmware_model.physics.rigid_body import Body
 from firmware_model.physics.rotors import allocate, can_give
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_POSITION, X_STABILIZER
+from firmware_model.sim.layout import WEIGHT, X_BODY, X_LOAD, X_PLACE, X_POSITION, X_STABILIZER
 from firmware_model.types import Quaternion, Vector
 
 # Kinds of set-points: the first number of each.
@@ -47,6 +49,7 @@ _load_position_params = loader(PositionParams)
 _load_stabilizer_params, _load_body = loader(StabilizerParams), loader(Body)
 _load_stabilizer_state, _store_stabilizer_state = loader(StabilizerState), storer(StabilizerState)
 _load_position_state, _store_position_state = loader(PositionState), storer(PositionState)
+_load_place, _store_place = loader(PlaceState), storer(PlaceState)
 
 
 @kernel
@@ -64,6 +67,13 @@ def track_setpoint(params: Lane, state: Lane, free: bool, kind: float, setpoint:
     q_NB, thrust = _track_position(params, state, free, kind, setpoint, touches_down)
     torque = _track_attitude(params, state, kind, setpoint, q_NB, on_ground, record)
     _put_command(record, torque, thrust)
+
+
+@kernel
+def seek_place(params: Lane, state: Lane) -> None:
+    """Step the loop that holds the place around a controller outside, at a sample; its set-point is in `state`."""
+    gains, body = _load_position_params(params, layout.POSITION), _load_body(state, X_BODY)
+    _store_place(state, X_PLACE, hold_place(gains, _load_place(state, X_PLACE), body))
 
 
 @kernel
@@ -119,7 +129,9 @@ def _track_position(
         holding, acceleration, thrust = position_hold(gains, holding, body, get_vector(setpoint, 1), get(setpoint, 5))
         q_NB = attitude_for_acceleration(acceleration, slew_heading(present_q_NB, get(setpoint, 4)))
     else:
-        holding, thrust = altitude_hold(gains, holding, body, get(params, layout.TOTAL_THRUST) * get(setpoint, THRUST))
+        given = get(params, layout.TOTAL_THRUST) * get(setpoint, THRUST)
+        given = math.nan if get(params, layout.HOLDS_PLACE) != 0.0 else given
+        holding, thrust = altitude_hold(gains, holding, body, given)
         if kind == LEVEL:
             holding = latch_heading(holding, present_q_NB)
             q_NB = attitude_for_acceleration((0.0, 0.0, 0.0), slew_heading(present_q_NB, holding.yaw))

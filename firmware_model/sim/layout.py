@@ -1,7 +1,7 @@
 """Offsets of each NamedTuple in the packed arrays of constants and state, by name."""
 
 from firmware_model.autopilot.attitude_loop import StabilizerParams, StabilizerState
-from firmware_model.autopilot.position_loop import PositionParams, PositionState
+from firmware_model.autopilot.position_loop import PlaceState, PositionParams, PositionState
 from firmware_model.numerics.soa import field_offset, offsets
 from firmware_model.physics.actuators import ActuatorParams
 from firmware_model.physics.aerodynamics import AirParams
@@ -47,11 +47,13 @@ from firmware_model.physics.von_karman import KarmanParams, KarmanState
         KarmanParams,
     ]
 )
-FREE, STEPS, GUST_SCALE, WEIGHT, TOTAL_THRUST, ROTOR_COUNT, ROTORS = range(_SINGLE, _SINGLE + 7)
+FREE, STEPS, GUST_SCALE, WEIGHT, TOTAL_THRUST, ROTOR_COUNT, HOLDS_PLACE, ROTORS = range(_SINGLE, _SINGLE + 8)
 
 # State, in the same form.
-X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_VON_KARMAN, X_LOAD = offsets(
-    [Body, DrydenState, StabilizerState, PositionState, KarmanState]
+X_BODY, X_DRYDEN, X_STABILIZER, X_POSITION, X_VON_KARMAN, X_PLACE, X_LOAD = offsets(
+    [Body, DrydenState, StabilizerState, PositionState, KarmanState, PlaceState]
 )
 X_DIRECT, X_NEXT_CHANGE, X_BATTERY = X_LOAD + 1, X_LOAD + 4, X_LOAD + 5
 X_SAG = X_BATTERY + field_offset(BatteryState, "sag")
+X_TILT_DEG = X_PLACE + field_offset(PlaceState, "roll")
+"""Roll, then pitch, of the set-point that holds the place."""

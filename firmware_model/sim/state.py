@@ -167,7 +167,7 @@ def initial_vehicle_state(
                 *flatten((body, gusts.dryden_state, estimate)),
                 *initial_position_state(),
                 *flatten(gusts.karman_state),
-                *[0.0] * 5,
+                *[0.0] * (4 + 5),  # the place to hold; load, moment, next change
                 *BatteryState(),
             ]
         ),
@@ -207,7 +207,8 @@ def _pack_params(vehicle: Vehicle, scenario: Scenario, gusts: _Turbulence, gust_
     )
     steps = scenario.physics_rate_hz // scenario.control_rate_hz
     rotors = vehicle.rotors
-    single = (scenario.free, steps, gust_scale, vehicle.mass * GRAVITY, rotors.total_thrust, rotors.count)
+    weight = vehicle.mass * GRAVITY
+    single = (scenario.free, steps, gust_scale, weight, rotors.total_thrust, rotors.count, scenario.holds_place)
     return np.array([*flatten(rows), *single, *flatten(rotor_params(rotors))], dtype=np.float64)
 
 

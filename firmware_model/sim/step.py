@@ -52,7 +52,7 @@ from firmware_model.physics.sensors import AccelerometerParams, GyroParams, meas
 from firmware_model.physics.von_karman import KarmanParams, KarmanState, karman_step, show_gust
 from firmware_model.recording import journal
 from firmware_model.sim import layout
-from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, get_command, limit_command, track_setpoint
+from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, get_command, limit_command, seek_place, track_setpoint
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
 from firmware_model.sim.state import Array
 from firmware_model.types import Quaternion, Vector
@@ -112,6 +112,8 @@ def observe_kernel(
     measure(one, x, free, True, True, scripted, gyro_noise, time_us, single(record))
     measure_force(one, x, free, True, force_noise, single(record))
     _write_rotors(one, x, free, single(record))
+    if get(one, layout.HOLDS_PLACE) != 0.0:
+        seek_place(one, x)
 
 
 @kernel

@@ -18,7 +18,7 @@ from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, record_type
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER
+from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER, X_TILT_DEG
 from firmware_model.sim.state import initial_state, multiply_vector
 from firmware_model.types import (
     AttitudeTarget,
@@ -99,6 +99,7 @@ class VehicleLoop:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> None:
         self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
+        self._holds_place = scenario.holds_place
         self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
         self._thrust_max, self.rotor_count = vehicle.rotors.total_thrust, vehicle.rotors.count
         self._torque_limit = np.array(vehicle.torque_limit)
@@ -126,8 +127,15 @@ class VehicleLoop:
         if self._imu is None:
             self._measure()
             p, q, r, f_x, f_y, f_z = self._record[_IMU].tolist()
-            self._imu = ImuSample(time_us=self.time_us, gyro_B=(p, q, r), specific_force_B=(f_x, f_y, f_z))
+            self._imu = ImuSample(self.time_us, (p, q, r), (f_x, f_y, f_z), self._tilt_deg())
         return self._imu
+
+    def _tilt_deg(self) -> tuple[float, float] | None:
+        """Return roll and pitch [deg] that hold the place, if it is held."""
+        if not self._holds_place:
+            return None
+        roll, pitch = self._state.state[X_TILT_DEG : X_TILT_DEG + 2].tolist()
+        return roll, pitch
 
     def advance(self, setpoint: Setpoint, mode: int) -> Array:
         """Step to the next sample and return the journal record (numbers,) of this one, valid until the next call.

@@ -64,6 +64,20 @@ def test_events_and_winds_are_the_same_to_the_bit_on_every_route(law, air, trans
     assert fly(scenario, flown, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
 
 
+def test_a_position_loop_around_a_law_is_the_same_to_the_bit_on_every_route(tmp_path):
+    turn = AttitudeReference(kind="attitude", at_s=0.8, euler_deg=(0.0, 0.0, 25.0))
+    scenario = replace(
+        FREE, translation="position_hold", event=(turn, *EVENTS[2:]), initial_attitude_deg=(4.0, -3.0, 60.0)
+    )
+    law, airframe = load_law("flagship"), load_vehicle("paper")
+    direct = fly_direct(scenario, law, vehicle=airframe, seed=7)
+    assert (
+        direct.tobytes() != fly_direct(replace(scenario, translation="free"), law, vehicle=airframe, seed=7).tobytes()
+    )
+    assert fly_loopback(scenario, law, vehicle=airframe, seed=7).tobytes() == direct.tobytes()
+    assert fly(scenario, law, vehicle=airframe, seed=7, out=tmp_path).records.tobytes() == direct.tobytes()
+
+
 @pytest.mark.parametrize(("rate", "step_us"), [(300, 3333), (2000, 500)])
 def test_a_rate_beside_the_clock_of_stamps_is_the_same_to_the_bit_on_every_route(rate, step_us, tmp_path):
     scenario = replace(TWO_SECONDS, duration_s=1.2, control_rate_hz=rate, physics_rate_hz=4 * rate, event=EVENTS)

@@ -72,7 +72,7 @@ def wind_limit(
         ),
     ] = None,
     keep: Annotated[
-        str, typer.Option(help="What a minute must keep: tilt, error, yaw, rmse [deg], saturated [%].")
+        str, typer.Option(help="What a minute must keep: tilt, error, yaw, rmse [deg], drift [m], saturated [%].")
     ] = "tilt<35, saturated<1 %",
     risk: Annotated[
         float, typer.Option(callback=in_range(_LEAST_RISK, 0.3), help="Accepted probability that a minute breaks it.")
@@ -91,13 +91,14 @@ def wind_limit(
 ) -> None:
     """Find how much wind a vehicle stands, in metres a second at 20 ft.
 
-    In free flight the law tilts into the mean wind and holds its place on average; no position loop flies around it.
-    The turbulence of that wind comes on top (MIL-F-8785C), from the worst direction, over the spreads in the vehicle
-    file. Sequential tests show on which side of the limit a speed is: both ends are right with 95 %. Single 1-cos gusts
-    are searched over directions and lengths, in calm air. Beside them stands the gust that is proved. With --build the
-    parameters of --law fly in the real autopilot too, in the winds around the limit.
+    In free flight the law tilts into the mean wind and holds its place on average. If drift is kept, the vehicle's
+    position loop flies around it, by [position] of its file. The turbulence of that wind comes on top (MIL-F-8785C),
+    from the worst direction, over the spreads in the vehicle file. Sequential tests show on which side of the limit a
+    speed is: both ends are right with 95 %. Single 1-cos gusts are searched over directions and lengths, in calm air.
+    Beside them stands the gust that is proved. With --build the parameters of --law fly in the real autopilot too, in
+    the winds around the limit.
 
-        gustproof wind-limit my-quad.toml --law my.params -o limit.html
+    gustproof wind-limit my-quad.toml --law my.params --keep "tilt<35, drift<3 m" -o limit.html
 
         gustproof wind-limit iris --keep "error<10, saturated<1 %" --risk 1e-2
     """
@@ -105,9 +106,11 @@ def wind_limit(
     from firmware_model.config.uncertainty import load_vehicle_set
     from gustproof.flight.routes.flight import check
     from gustproof.studies.rate.judge import scenario_for
-    from gustproof.studies.wind_limit.kept import parse_keep
+    from gustproof.studies.wind_limit.kept import needs_place, parse_keep
 
     kept = parse_keep(keep)
+    if build and needs_place(kept):
+        raise ConfigError("--build: a real autopilot flies its own position loop, which is not the one of drift")
     flight = _check_files(output, law, build)
     vehicles = load_vehicle_set(vehicle)
     usual, pool = load_scenario("paper-turbulence"), open_pool(workers)

@@ -1,9 +1,22 @@
 """Attitude references of a scenario, sample by sample."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_model.config.scenario import Scenario
+from gustproof.law.form import Law
+
+RADIANS = math.pi / 180.0
+"""[rad/deg] of the roll and pitch that a position loop asks for, so on every route."""
+
+
+def describe_untracked(scenario: Scenario, law: Law) -> str:
+    """Return why a law can't fly a scenario whose position loop asks for roll and pitch; empty if it can."""
+    if not scenario.holds_place or law.takes_references:
+        return ""
+    return f"law '{law.name}' has no reference input: it can't track the position loop of '{scenario.name}'"
 
 
 def references(scenario: Scenario, begin: int = 0, end: int | None = None) -> NDArray[np.float64]:

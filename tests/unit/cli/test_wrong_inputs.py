@@ -155,7 +155,7 @@ certify air hinf-d1 paper-turbulence --risk nan
 certify box unstable.json --horizon 10
 wind-limit
 wind-limit nothing
-wind-limit iris --keep drift<3
+wind-limit iris --keep drift<3,rmse<1
 wind-limit iris --keep tilt
 wind-limit iris --keep tilt<nan
 wind-limit iris --keep 'tilt<35 m'

@@ -81,6 +81,9 @@ class ControllerCore:
 
     `earth_rate_N` [rad/s] is the turn of the earth, known where an estimator has taken all but that from the rates.
 
+    `tilt` [rad] is the roll and pitch to hold from the next sample on, if the vehicle's position loop asks for them. Of
+    the references then only the yaw counts.
+
     `references` are rising stamps [us], each with the attitude to hold from that sample on: roll, pitch, yaw [rad];
     level before the first. If the law is interpolating, they count from the last sample that reset it.
     """
@@ -101,6 +104,7 @@ class ControllerCore:
         self._clock = np.zeros(2, dtype=np.int64)
         self._began_us = self._step_at_us = 0
         self._before: tuple[float, ...] = (0.0,) * 6
+        self.tilt: tuple[float, float] | None = None
         self._attitude: SlowAttitude | None = None
         self.earth_rate_N: Vector | None = None
 
@@ -157,7 +161,7 @@ class ControllerCore:
     @property
     def exchanges(self) -> bool:
         """True if its next steps can be made in machine code: those of a law, at the instants of the samples."""
-        return isinstance(self._law, LawStepper) and not self.interpolating and self._attitude is None
+        return isinstance(self._law, LawStepper) and not self.interpolating and self._attitude is None and not self.tilt
 
     def begin_turns(self, line: LockstepLine) -> LawTurns:
         """Return what `answer_samples` needs, if it `exchanges`."""
@@ -179,6 +183,8 @@ class ControllerCore:
             x, y, z = self._references[due].tolist()
             self._law.set_reference((x, y, z))
             self._begun[0] = due = due + 1
+        if self.tilt is not None:
+            self._law.set_reference((*self.tilt, float(self._references[due - 1, 2]) if due else 0.0))
 
     def _interpolate(self, before_us: int, time_us: int, now: tuple[float, ...]) -> None:
         """Step the law at its own instants up to half a step after this sample."""

@@ -183,6 +183,7 @@ class ControllerEndpoint:
             wire.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
             wire.MAVLINK_MSG_ID_COMMAND_ACK: self._on_acknowledgement,
             wire.MAVLINK_MSG_ID_STATUSTEXT: self._on_text,
+            wire.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._on_tilt,
         }
 
     @property
@@ -460,6 +461,14 @@ class ControllerEndpoint:
         self._landed = message.landed_state
         if self._family.mode_takes_off and self.phase in _STREAMING:
             self._update_phase()
+
+    def _on_tilt(self, message: Message) -> None:
+        """Track what the position loop asks for of a vehicle that waits for this controller.
+
+        Where time runs, a pilot has left the attitude to the law, and ArduPilot tells what its own navigation wants.
+        """
+        if self._controller is not None and not self._time_runs:
+            self._controller.tilt = math.radians(message.nav_roll), math.radians(message.nav_pitch)
 
     def _on_text(self, message: Message) -> None:
         self.message = message.text

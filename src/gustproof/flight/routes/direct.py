@@ -15,14 +15,14 @@ from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
 from firmware_model.session.link import BEGINS_TO_HOLD, IN_TRIM, LinkSchedule, answered_at_once
 from firmware_model.sim import inner_loop
-from firmware_model.sim.layout import X_STABILIZER
+from firmware_model.sim.layout import HOLDS_PLACE, X_STABILIZER, X_TILT_DEG
 from firmware_model.sim.state import Array, initial_state
 from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
 from gustproof.flight.controllers.library import Library, call_step
 from gustproof.flight.controllers.stepper import CheckedStepper, StepError
 from gustproof.flight.recording.flown import FlownRecords
 from gustproof.law.form import Law, Output, find_vehicle
-from gustproof.law.references import references
+from gustproof.law.references import RADIANS, describe_untracked, references
 from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
@@ -165,7 +165,10 @@ def fly_stepper(
                 if flight.schedule.taken[k]:
                     # Copies: the controller may keep or change what it gets.
                     gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
-                    flight.command[:] = stepper.step(gyro, flight.reference[k].copy(), force, scenario.dt)
+                    reference = flight.reference[k].copy()
+                    if scenario.holds_place:
+                        reference[:2] = RADIANS * state[X_TILT_DEG : X_TILT_DEG + 2]
+                    flight.command[:] = stepper.step(gyro, reference, force, scenario.dt)
                     _pack_command(flight, k)
                 _choose_setpoint(flight, k)
                 advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
@@ -238,7 +241,7 @@ def check_compatible(scenario: Scenario, law: Law | Library) -> None:
     Raises
     ------
     ValueError
-        If the law's sample time is not the scenario's.
+        If the law's sample time is not the scenario's, or it can't track what a position loop asks for.
     NeedsMessages
         If the script says what the link does: each flight's own.
     """
@@ -250,6 +253,8 @@ def check_compatible(scenario: Scenario, law: Law | Library) -> None:
 def _check_rate(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
     if law.dt not in (None, scenario.dt):
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+    if isinstance(law, Law) and (line := describe_untracked(scenario, law)):
+        raise ValueError(line)
 
 
 @kernel
@@ -289,6 +294,9 @@ def _fly(flight: _DirectFlight) -> int:
                 z[n + i] = record[GYRO_B + i]
                 z[n + 3 + i] = flight.reference[k, i]
                 z[n + FORCE + i] = record[FORCE_B + i]
+            if params[HOLDS_PLACE] != 0.0:
+                for i in range(2):
+                    z[n + 3 + i] = RADIANS * state[X_TILT_DEG + i]
             if flight.step != 0:
                 call_step(flight.step, z, z[n:], command)
                 if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):

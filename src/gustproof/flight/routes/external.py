@@ -189,8 +189,8 @@ def check_external(scenario: Scenario, kind: str) -> None:
     Raises
     ------
     ConfigError
-        If it scripts our autopilot's link, its modes or its controller, or starts free flight in another attitude. If
-        it asks for another rate than the autopilot's: one that is neither that nor the default.
+        If it scripts our autopilot's link, its modes, its controller or its position loop, or starts free flight in
+        another attitude. If it asks for another rate than the autopilot's: one that is neither that nor the default.
     """
     rate_hz = SAMPLE_RATES_HZ[kind]
     if scenario.control_rate_hz not in (rate_hz, CONTROL_RATE_HZ):
@@ -199,6 +199,10 @@ def check_external(scenario: Scenario, kind: str) -> None:
     if scenario.has_link_script:
         why = "scripts link, controller or modes of our own autopilot"
         raise ConfigError(f"scenario '{scenario.name}' {why}: no other autopilot can fly it")
+    if scenario.holds_place:
+        raise ConfigError(
+            f"scenario '{scenario.name}' flies the position loop of our own autopilot: say 'free' or 'held'"
+        )
     if scenario.free and any(scenario.initial_attitude_deg):
         raise ConfigError(f"scenario '{scenario.name}' begins free flight in a tilt that no autopilot holds")
 

@@ -35,6 +35,7 @@ from gustproof.flight.scoring.estimator_view import EstimatorView, compare_estim
 from gustproof.flight.scoring.metrics import Metrics, measure
 from gustproof.flight.scoring.requirements import RequirementResult, judge, requirement_label
 from gustproof.law.form import Law, doubt_vehicle, parse_law
+from gustproof.law.references import describe_untracked
 from gustproof.types import Records
 from gustproof.version import software_versions
 
@@ -271,6 +272,8 @@ def check(scenario: Scenario, controller: Controller, vehicle: Vehicle) -> None:
     for sample, plant in fault_schedule(vehicle, scenario):
         after = f"scenario '{scenario.name}': vehicle '{vehicle.name}' from {sample * scenario.dt:g} s on"
         check_body(plant.vehicle.inertia_B, plant.vehicle.inertia_B, after)
+    if isinstance(controller, Law) and (line := describe_untracked(scenario, controller)):
+        raise ConfigError(line)
     if isinstance(controller, Law) and (line := objection(scenario, controller, vehicle)):
         other = "" if controller.provenance.fits(vehicle) else f", and designed for '{controller.provenance.vehicle}'"
         raise ConfigError(f"{line}{other}; --anyway flies it all the same")

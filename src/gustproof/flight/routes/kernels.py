@@ -24,6 +24,7 @@ from gustproof.flight.controllers.library import Library, call_step
 from gustproof.flight.scoring.metrics import PEAK_SHARE, TALLY_SIZE, angle_share, begin_tally, end_tally
 from gustproof.flight.scoring.requirements import read_kernel
 from gustproof.law.form import Law
+from gustproof.law.references import RADIANS
 from gustproof.law.step import (
     EXTRA_SIZE,
     FORCE,
@@ -182,6 +183,7 @@ def _fly(free: bool, shared: BatchSetup, batch: Batch) -> None:
         _mix_noise(batch, batch.places.size)
         _observe(free, shared, batch, k)
         _write_measurements(record, reference, batch.z, batch.work.shape[0])
+        _hold_place(free, params, state, batch.z[batch.work.shape[0] + 3 :])
         if shared.step == 0:
             _step_law(shared.law, batch.z, batch.commands, batch.work)
         else:
@@ -333,6 +335,17 @@ def _write_measurements(record: Array, reference: Array, z: Array, n: int) -> No
     for i in range(3):
         for w in range(LANES):
             z[n + 3 + i, w] = reference[i]
+
+
+@kernel
+def _hold_place(free: bool, params: Array, state: Array, angles: Array) -> None:
+    """Step the position loops, if any flies, and write the roll and pitch that they ask for."""
+    if free and params[layout.HOLDS_PLACE * LANES] != 0.0:
+        for w in range(LANES):
+            inner_loop.seek_place(Lane(params, LANES, w), Lane(state, LANES, w))
+        for i in range(2):
+            for w in range(LANES):
+                angles[i, w] = RADIANS * state[(layout.X_TILT_DEG + i) * LANES + w]
 
 
 @kernel

@@ -27,6 +27,8 @@ def describe_limit(found: WindLimit) -> Iterator[str]:
         yield "it rests on drag and gust moment of the vehicle file: no log shows them, they are given or assumed there"
     if not found.holds_place:
         yield "the law has no set-points, so it can't tilt into the mean wind: it is carried along in turbulence"
+    if found.place is not None:
+        yield f"position: held by [position] of the vehicle file, {found.place.text}"
     if found.tilt_deg is not None:
         yield f"holding the place there takes {found.tilt_deg:.3g} deg of roll or pitch"
     yield f"1-cos gust: {describe_gust(found)}"

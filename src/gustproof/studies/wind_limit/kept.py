@@ -39,8 +39,10 @@ WORDS = {
     "yaw": Word("deg", Metric.PEAK, "yaw", "largest yaw"),
     "rmse": Word("deg", Metric.RMSE, None, "rms difference of the angles from their set-points"),
     "saturated": Word("%", Metric.SATURATED, None, "share of a minute with a torque command at its limit"),
+    "drift": Word("m", Metric.DRIFT, None, "largest distance from where the minute begins; a position loop flies"),
 }
 """Words by name."""
+_FROM_SET_POINTS = ("error", "rmse")  # of level, or of the tilt that holds a place: no position loop moves them
 
 
 class Kept(NamedTuple):
@@ -56,14 +58,21 @@ class Kept(NamedTuple):
         """The requirement as it is written."""
         return f"{self.word} < {self.limit:g} {WORDS[self.word].unit}"
 
-    def tables(self, from_s: float) -> list[dict[str, object]]:
-        """Return it as a `[[require]]` table, judged from a time [s] on; none for a figure of the whole flight."""
+    def tables(self, from_s: float, altitude: float) -> list[dict[str, object]]:
+        """Return it as `[[require]]` tables, judged from a time [s] on; none for a figure of the whole flight.
+
+        A drift has a second one, of the whole flight, half the `altitude` [m] or its own limit. A vehicle that lies on
+        the ground before the judged part begins does not drift in it.
+        """
         word = WORDS[self.word]
         if word.metric is None:
             return []
         limit = 0.01 * MINUTE_S * self.limit if word.unit == "%" else self.limit
         axis = {} if word.axis is None else {"axis": word.axis}
-        return [{"metric": word.metric.value, "from_s": from_s, "at_most": limit, **axis}]
+        found: list[dict[str, object]] = [{"metric": word.metric.value, "from_s": from_s, "at_most": limit, **axis}]
+        if word.metric is Metric.DRIFT:
+            found.append({"metric": word.metric.value, "at_most": max(limit, 0.5 * altitude)})
+        return found
 
 
 def parse_keep(text: str) -> tuple[Kept, ...]:
@@ -84,8 +93,6 @@ def parse_keep(text: str) -> tuple[Kept, ...]:
         if term is None or not 0.0 < limit < math.inf:
             raise ConfigError(f"--keep: '{part.strip()}' is no requirement such as 'tilt<35' or 'saturated<1 %'")
         word, unit = term[1], term[3]
-        if word == "drift":
-            raise ConfigError("--keep: drift is not judged: no position loop flies around the law")
         if word not in WORDS:
             raise ConfigError(f"--keep: {none_of(word, list(WORDS))}")
         if unit not in ("", WORDS[word].unit):
@@ -93,7 +100,22 @@ def parse_keep(text: str) -> tuple[Kept, ...]:
         if word in {each.word for each in found}:
             raise ConfigError(f"--keep: {word} stands twice")
         found.append(Kept(word, limit))
+    _check_set_points(found)
     return tuple(found)
+
+
+def _check_set_points(found: Sequence[Kept]) -> None:
+    """Refuse what is from set-points, if a position loop moves these."""
+    moved = [each.word for each in found if each.word in _FROM_SET_POINTS]
+    if moved and needs_place(found):
+        raise ConfigError(
+            f"--keep: {moved[0]} is from set-points, which the position loop of drift moves: keep tilt, yaw"
+        )
+
+
+def needs_place(kept: Sequence[Kept]) -> bool:
+    """Return whether a position loop has to fly around the law: drift is judged."""
+    return any(each.word == "drift" for each in kept)
 
 
 def shares(kept: Sequence[Kept], result: CaseResult) -> list[float]:
@@ -107,6 +129,6 @@ def shares(kept: Sequence[Kept], result: CaseResult) -> list[float]:
         if WORDS[each.word].metric is None:
             found.append(max(figures.peak_roll_deg, figures.peak_pitch_deg) / each.limit)
         else:
-            value = next(judged)
-            found.append(value.value / (value.requirement.at_most or 1.0))
+            values = [next(judged) for _ in each.tables(0.0, 0.0)]
+            found.append(max(value.value / (value.requirement.at_most or 1.0) for value in values))
     return [math.inf if math.isnan(value) else value for value in found]

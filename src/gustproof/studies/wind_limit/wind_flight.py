@@ -14,11 +14,13 @@ from firmware_model.numerics.rotations import from_euler, rotation_matrix, to_B,
 from firmware_model.physics.aerodynamics import AIR_DENSITY
 from firmware_model.types import Vector
 from gustproof.law.form import Law
-from gustproof.studies.wind_limit.kept import MINUTE_S, Kept
+from gustproof.studies.wind_limit.kept import MINUTE_S, Kept, needs_place
 from gustproof.types import Array
 
 SETTLE_S = 12.0
 """[s] before the judged minute: the mean wind grows, then the vehicle comes to rest."""
+PLACE_SETTLE_S = 40.0
+"""[s] the same around a position loop, whose integral finds the tilt within some 10 s."""
 _RISE_S, _STEPS = 8, 8  # of the mean wind, and of the tilt with it
 _MOST_TILT = math.radians(60.0)
 _MOST_THRUST = 0.9  # [-] of all rotors, as of the on-board loop of height
@@ -74,10 +76,15 @@ def wind_scenario(
     """Return a flight against a mean wind, in turbulence; `None` if no tilt holds the place.
 
     Both are wind speeds [m/s] at 20 ft. `base` gives height, rates and delay. The mean wind grows within `_RISE_S`, and
-    the attitude's set-point with it. The judged minute follows.
+    the attitude's set-point with it; if a drift is judged, the position loop finds the tilt, and may fail to. The
+    judged minute follows.
     """
-    events, speed = list[dict[str, Any]](), mean_wind(mean, base.altitude_m)
-    for step in range(1, _STEPS + 1) if mean > 0.0 else ():
+    events, speed, tilts = (
+        list[dict[str, Any]](),
+        mean_wind(mean, base.altitude_m),
+        mean > 0.0 and not needs_place(kept),
+    )
+    for step in range(1, _STEPS + 1) if tilts else ():
         tilt = find_tilt(vehicle, speed * step / _STEPS, from_deg)
         if tilt is None:
             return None
@@ -89,9 +96,8 @@ def wind_scenario(
     if mean > 0.0:
         winds.append({"kind": "ramp", "speed_mps": speed, "from_deg": from_deg, "rise_s": float(_RISE_S)})
     about = f"mean wind of {mean:.4g} m/s and turbulence of {turbulence:.4g} m/s at 20 ft, from {from_deg:g} deg"
-    return _make(
-        base, about, SETTLE_S + MINUTE_S, winds, events, [table for each in kept for table in each.tables(SETTLE_S)]
-    )
+    settle_s = PLACE_SETTLE_S if needs_place(kept) else SETTLE_S
+    return _make(base, kept, about, settle_s, settle_s + MINUTE_S, winds, events)
 
 
 def gust_scenario(
@@ -107,29 +113,30 @@ def gust_scenario(
     }
     duration = math.ceil(_BEFORE_GUST_S + length_s + _AFTER_GUST_S)
     about = f"1-cos gust of {length_s:.3g} s"
-    return _make(base, about, float(duration), [gust], [], [table for each in kept for table in each.tables(0.0)])
+    return _make(base, kept, about, 0.0, float(duration), [gust], [])
 
 
 def _make(
     base: Scenario,
+    kept: Sequence[Kept],
     about: str,
+    from_s: float,
     duration_s: float,
     wind: list[dict[str, Any]],
     event: list[dict[str, Any]],
-    require: list[dict[str, object]],
 ) -> Scenario:
-    """Return `base` in free flight in other wind, with other events and requirements."""
+    """Return `base` in free flight in other wind, with other events, and requirements that count from a time [s] on."""
     document = {
         "name": "wind-limit",
         "description": about,
         "duration_s": duration_s,
-        "translation": "free",
+        "translation": "position_hold" if needs_place(kept) else "free",
         "altitude_m": base.altitude_m,
         "control_rate_hz": base.control_rate_hz,
         "physics_rate_hz": base.physics_rate_hz,
         "delay_samples": base.delay_samples,
         "wind": wind,
         "event": event,
-        "require": require,
+        "require": [table for each in kept for table in each.tables(from_s, base.altitude_m)],
     }
     return validate(Scenario, document, "wind")

@@ -25,7 +25,8 @@ from gustproof.studies.campaign.executors import Pool
 from gustproof.studies.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
 from gustproof.studies.campaign.worker import load_campaign
 from gustproof.studies.rate.plant_box import plant_box
-from gustproof.studies.wind_limit.kept import MINUTE_S, Kept, shares
+from gustproof.studies.wind_limit.kept import MINUTE_S, Kept, needs_place, shares
+from gustproof.studies.wind_limit.place import PlaceLoop, find_place_loop
 from gustproof.studies.wind_limit.speed_search import SpeedLimit, find_speed_limit, scout_speed
 from gustproof.studies.wind_limit.wind_flight import (
     find_tilt,
@@ -92,6 +93,8 @@ class WindLimit:
     """[-] accepted probability that a minute breaks one."""
     holds_place: bool
     """True if the law tilts into the mean wind; else it is carried along, and flies in turbulence alone."""
+    place: PlaceLoop | None
+    """Position loop that flies around the law; `None` if no drift is judged."""
     from_deg: float
     """[deg] worst bearing that the wind comes from, the vehicle heading north."""
     tilt_deg: float | None
@@ -139,6 +142,7 @@ class WindLimit:
             "keep": [each.text for each in self.kept],
             "risk_a_minute": self.risk,
             "holds_place": self.holds_place,
+            "position_loop": None if self.place is None else self.place.to_dict(),
             "from_deg": self.from_deg,
             "tilt_deg": self.tilt_deg,
             "turbulence_mps": finite_or_none(limit.best),
@@ -173,6 +177,8 @@ def find_wind_limit(
 
     Raises
     ------
+    ConfigError
+        If drift is to be kept, and no position loop flies around the law, see `find_place_loop`.
     FlightError
         If a worker dies.
     """
@@ -207,6 +213,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         kept=study.kept,
         risk=risk,
         holds_place=study.holds_place,
+        place=study.place,
         from_deg=worst,
         tilt_deg=study.tilt(limit.best, worst),
         turbulence=limit,
@@ -245,6 +252,7 @@ class _Study:
     ) -> None:
         self.law, self.vehicles, self.kept, self.holds_place = law, vehicles, kept, tracks_references(law)
         self._base, self._pool, self._seed = base, pool, seed
+        self.place = find_place_loop(law, vehicles.nominal, base) if needs_place(kept) else None
         kinds = [kind for kind in usual_dispersions(vehicles) if kind is not DispersionKind.GUST]
         self._spreads = select_spreads(vehicles, base, kinds, gust=0.0, attitude_deg=0.0)
 

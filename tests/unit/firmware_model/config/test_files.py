@@ -71,6 +71,15 @@ def test_the_scenarios_of_the_paper_are_shipped() -> None:
             "altitude_m: 'dryden' is the low-altitude model, valid to 304.8 m (1000 ft), not at 304.9 m",
         ),
         ("duration_s = \n", "not TOML"),
+        (
+            GOOD + "translation = 'position_hold'\n[[event]]\nkind = 'attitude'\nat_s = 0.5\neuler_deg = [1, 0, 9]\n",
+            "event: the roll and pitch of an 'attitude' are those of the position loop: give 0",
+        ),
+        (
+            GOOD
+            + "translation = 'position_hold'\n[[link]]\nkind = 'delay'\ndirection = 'to_vehicle'\ndelay_s = 0.01\n",
+            "'position_hold' has no link, controller or mode events",
+        ),
     ],
 )
 def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, content: str, message: str) -> None:

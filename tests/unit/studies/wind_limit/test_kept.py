@@ -30,7 +30,8 @@ def test_words_are_read_with_and_without_units() -> None:
         ("tilt<1e", "no requirement such as"),
         ("tild<3", "did you mean 'tilt'"),
         ("tilt<3 m", "tilt is in deg, not in m"),
-        ("drift<3 m", "no position loop"),
+        ("drift<3 deg", "drift is in m, not in deg"),
+        ("drift<3 m, error<1", "error is from set-points, which the position loop of drift moves"),
         ("tilt<3, tilt<4", "stands twice"),
     ],
 )

@@ -13,6 +13,7 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set
+from firmware_model.errors import ConfigError
 from gustproof.design.loops.models import autopilot_law
 from gustproof.flight.routes.batch import Case, make_batch_simulator
 from gustproof.law.form import Law, load_law
@@ -131,6 +132,57 @@ def test_without_set_points_it_flies_in_turbulence_alone_and_says_so() -> None:
 def test_calm_air_that_is_too_much_is_said() -> None:
     lines = [*describe_limit(replace(found(), turbulence=replace(found().turbulence, low=None, high=0.5)))]
     assert lines[0].startswith("wind: it does not stand even 0.5 m/s")
+
+
+def test_a_drift_is_flown_with_a_position_loop_grows_with_the_wind_and_limits(monkeypatch) -> None:
+    monkeypatch.setattr(wind_flight, "PLACE_SETTLE_S", 15.0)
+    vehicles, law, kept = load_vehicle_set("paper"), load_law("flagship"), parse_keep("tilt<35, drift<1.5 m")
+    with Pool(1) as pool:
+        study = _Study(law, vehicles, AIR, kept, pool, 1)
+        fails = [study.failures(90.0, speed, 0, 32) for speed in (2.0, 9.0, 40.0)]
+        causes = study.find_causes(90.0, 40.0, RISK)
+    script = study.script(40.0, 90.0)
+    assert script is not None
+    assert (script.translation, [item.kind for item in script.event]) == ("position_hold", [])
+    assert fails[0] == 0 < fails[1] < fails[2] == 32
+    assert causes[0][0] == "drift"
+    assert study.place is not None
+    told = list(describe_limit(replace(found(), place=study.place)))[1]
+    assert "xy_velocity_p = 1.4" in told
+    assert "from the true position; Ms 1.45 around this law" in told
+    assert replace(found(), place=study.place).to_dict()["position_loop"]["xy_p"] == 0.6
+    assert found().to_dict()["position_loop"] is None
+
+
+@pytest.mark.parametrize(
+    ("law", "told"),
+    [
+        ("hinf-d1", "law 'hinf-d1' has no set-points to follow it by"),
+        ("pid-default", "is unstable around law 'pid-default'; stable with xy_p = 0.1573, xy_velocity_p = 0.367"),
+    ],
+)
+def test_a_law_that_can_t_follow_a_position_loop_is_refused_for_drift(law: str, told: str) -> None:
+    with Pool(1) as pool, pytest.raises(ConfigError, match=told):
+        _Study(load_law(law), load_vehicle_set("paper"), AIR, parse_keep("drift<3"), pool, 1)
+
+
+@pytest.mark.slow
+def test_other_flights_agree_with_both_ends_of_a_drift(monkeypatch) -> None:
+    monkeypatch.setattr(wind_flight, "PLACE_SETTLE_S", 15.0)
+    law, vehicles, keep = load_law("flagship"), load_vehicle_set("paper"), "tilt<35, drift<1.5 m"
+    drifts = limit_of(law, vehicles, keep)
+    assert drifts.turbulence.low is not None
+    assert drifts.turbulence.high is not None
+    for speed, is_within in ((drifts.turbulence.low, True), (drifts.turbulence.high, False)):
+        script = wind_scenario(
+            AIR, vehicles.nominal, parse_keep(keep), mean=speed, turbulence=speed, from_deg=drifts.from_deg
+        )
+        assert script is not None
+        cases = [Case(vehicle=vehicles.nominal, seed=10_000 + number) for number in range(256)]
+        failed = np.mean(
+            [max(shares(parse_keep(keep), each)) > 1.0 for each in make_batch_simulator(script, law)(cases)]
+        )
+        assert bool(failed < RISK) is is_within
 
 
 def test_what_no_log_shows_is_said_of_a_vehicle_from_one() -> None:
