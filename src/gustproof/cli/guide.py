@@ -25,7 +25,7 @@ def guide(
     browse: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
     schemas: Annotated[
         Path | None,
-        typer.Option(help="Write the JSON Schemas of all TOML files to this folder, and nothing else."),
+        typer.Option(help="Write the JSON Schemas of TOML files and of JSON output to this folder, and nothing else."),
     ] = None,
     examples: Annotated[
         Path | None,
@@ -48,7 +48,7 @@ def guide(
         jupyter lab $(gustproof guide --examples examples)
     """
     if schemas is not None:
-        from gustproof.guide.schemas import schema_files, write_schemas
+        from gustproof.guide.schema_files import schema_files, write_schemas
 
         _check_files(schemas, schema_files(schemas))
         print("\n".join(map(str, write_schemas(schemas))))

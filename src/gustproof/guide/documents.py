@@ -13,12 +13,15 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.resources import files
+from inspect import formatannotation
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from gustproof.guide.reference import markdown_table
 from gustproof.guide.schemas import attribute_docs
 
 _FIELDS = "json-fields.toml"
+_JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean"}
 
 
 class Document(NamedTuple):
@@ -30,6 +33,8 @@ class Document(NamedTuple):
     """Commands that print it."""
     fields: Mapping[str, str]
     """Meaning of each field by its path; `[]` follows an array, `<axis>` stands for any name."""
+    types: Mapping[str, str] = MappingProxyType({})
+    """JSON's name of the type of each field that is one attribute of a model: `number`, `string`, ..."""
 
 
 @cache
@@ -37,7 +42,9 @@ def list_documents() -> list[Document]:
     """Return all documents in the order of the reference."""
     text = (files("gustproof.guide") / _FIELDS).read_text(encoding="utf-8")
     return [
-        Document(each["title"], each["about"], _merge(each.get("model"), each.get("fields", {})))
+        Document(
+            each["title"], each["about"], _merge(each.get("model"), each.get("fields", {})), _types(each.get("model"))
+        )
         for each in tomllib.loads(text)["document"]
     ]
 
@@ -47,9 +54,10 @@ def json_fields() -> str:
     parts = [
         "# Fields of JSON output\n\nEvery command that reports has `--json`. It prints one document on standard "
         "output, and nothing else. Units stand at the end of the names: `_deg`, `_s`, `_nm`. Numbers that are not "
-        "finite are `null`. In this list `[]` follows an array, and a name in angle brackets stands for any.\n"
+        "finite are `null`. In this list `[]` follows an array, and a name in angle brackets stands for any. "
+        "`gustproof guide --schemas DIR` writes these tables as JSON Schemas.\n"
     ]
-    for title, about, meanings in list_documents():
+    for title, about, meanings, _ in list_documents():
         rows = [(f"`{name}`", meaning) for name, meaning in meanings.items()]
         parts.append(f"## {title}\n\n{about}\n\n{markdown_table(('field', 'meaning'), rows) if rows else ''}")
     return "\n".join(parts)
@@ -59,10 +67,31 @@ def _merge(model: str | None, noted: Mapping[str, str]) -> dict[str, str]:
     """Return the fields of a model, then those that are only `noted`; a note goes before a docstring."""
     if model is None:
         return dict(noted)
-    module, _, name = model.rpartition(".")
-    kind = getattr(import_module(module), name)
-    found = {key: _in_json(key, meaning) for key, meaning in _model_fields(kind)}
+    found = {key: _in_json(key, meaning) for key, meaning in _model_fields(_load(model))}
     return {**found, **noted}
+
+
+def _load(model: str) -> type:
+    module, _, name = model.rpartition(".")
+    kind: type = getattr(import_module(module), name)
+    return kind
+
+
+def _types(model: str | None) -> dict[str, str]:
+    """Return JSON's type of each field that a model writes as its attribute is."""
+    if model is None:
+        return {}
+    kind = _load(model)
+    hints = {
+        name: hint for base in reversed(kind.__mro__) for name, hint in vars(base).get("__annotations__", {}).items()
+    }
+    named = {
+        name: re.sub(r" \| None$", "", hint if isinstance(hint, str) else formatannotation(hint))
+        for name, hint in hints.items()
+    }
+    keys = dict(_written_keys(vars(kind)["to_dict"])) if "to_dict" in vars(kind) else {}
+    written = {key: source.removeprefix("self.") for key, source in keys.items()} or {name: name for name in named}
+    return {key: _JSON_TYPES[named[name]] for key, name in written.items() if named.get(name) in _JSON_TYPES}
 
 
 def _in_json(key: str, meaning: str) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -22,7 +21,6 @@ from pydantic_core import core_schema
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.config.whole_file import write_files
 from gustproof.design.designs import Design
 from gustproof.design.inner_loops import InnerLoops
 
@@ -97,22 +95,6 @@ def file_schema(kind: str) -> Schema:
         _COMPLETE[kind](schema)
     title = f"gustproof {kind}"
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": title}
-
-
-def write_schemas(folder: Path) -> list[Path]:
-    """Write the schema of each kind of file to a folder, which is made, and return the files."""
-    folder.mkdir(exist_ok=True)
-    texts = {
-        path: json.dumps(file_schema(kind), indent=2, ensure_ascii=False) + "\n"
-        for kind, path in zip(KINDS, schema_files(folder), strict=True)
-    }
-    write_files(texts)
-    return [*texts]
-
-
-def schema_files(folder: Path) -> list[Path]:
-    """Return the files that `write_schemas` writes."""
-    return [folder / f"{kind}.schema.json" for kind in KINDS]
 
 
 def _allow_spreads(schema: Schema) -> None:

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from gustproof.cli.app import app
 from gustproof.guide.documents import Document, list_documents
 from gustproof.guide.rendering import heading_anchor
+from gustproof.guide.schema_files import output_schema
 
 DOCUMENTS = {document.title: document for document in list_documents()}
 ANCHORED = {heading_anchor(title): document for title, document in DOCUMENTS.items()}
@@ -50,6 +51,59 @@ def unexplained(title: str, seen: set[str]) -> list[str]:
     return sorted(path for path in seen if not any(pattern.fullmatch(path) for pattern in known))
 
 
+JSON_TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "number": (int, float), "integer": int}
+
+
+def fits(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> bool:
+    """Tell whether a value fits a schema; of JSON Schema, the part that those of output use."""
+    if "$ref" in schema:
+        return fits(value, root["$defs"][schema["$ref"].rpartition("/")[2]], root)
+    if "anyOf" in schema and not any(fits(value, each, root) for each in schema["anyOf"]):
+        return False
+    kinds = [schema["type"]] if isinstance(schema.get("type"), str) else schema.get("type", ())
+    if kinds and not any(value is None if kind == "null" else isinstance(value, JSON_TYPES[kind]) for kind in kinds):
+        return False
+    if isinstance(value, list):
+        return all(fits(each, schema.get("items", {}), root) for each in value)
+    for name, part in value.items() if isinstance(value, dict) else ():
+        known = [each for pattern, each in schema.get("patternProperties", {}).items() if re.search(pattern, name)]
+        known += [schema["properties"][name]] if name in schema.get("properties", {}) else []
+        others = schema.get("additionalProperties", {})
+        if not all(fits(part, each, root) for each in known or [others or {}]) or (not known and others is False):
+            return False
+    return True
+
+
+def grow(paths: list[str]) -> dict[str, Any]:
+    """Return a document with the fields of the paths, whose values are null."""
+    document: dict[str, Any] = {}
+    for path in sorted(paths):
+        node = document
+        *above, last = path.split(".")
+        for part in above:
+            name = part.removesuffix("[]")
+            if node.get(name) is None:
+                node[name] = [{}] if part.endswith("[]") else {}
+            node = node[name][0] if part.endswith("[]") else node[name]
+        node.setdefault(last.removesuffix("[]"), None)
+    return document
+
+
+@pytest.mark.parametrize("title", SEEN)
+def test_what_was_printed_fits_the_schema_of_its_output_and_nothing_beside_it(title: str) -> None:
+    schema, printed = output_schema(DOCUMENTS[title]), grow(SEEN[title].split())
+    assert fits(printed, schema, schema)
+    assert fits([printed, printed], schema, schema)
+    assert not fits({**printed, "beside it": 1.0}, schema, schema)
+
+
+@pytest.mark.parametrize(("field", "wrong"), [("seed", "one"), ("message", 3), ("peak_deg", "0.4 deg")])
+def test_a_value_of_another_type_does_not_fit_the_schema(field: str, wrong: Any) -> None:
+    schema = output_schema(DOCUMENTS["A flight"])
+    assert fits({field: None}, schema, schema)
+    assert not fits({field: wrong}, schema, schema)
+
+
 @pytest.mark.parametrize("title", SEEN)
 def test_every_field_that_was_printed_is_explained(title: str) -> None:
     assert unexplained(title, set(SEEN[title].split())) == []
@@ -59,6 +113,8 @@ def test_every_field_that_was_printed_is_explained(title: str) -> None:
 def test_every_field_that_is_printed_is_explained(command: str, title: str) -> None:
     result = CliRunner().invoke(app, [*command.split(), "--json"])
     assert unexplained(title, set(paths(json.loads(result.stdout)))) == []
+    schema = output_schema(DOCUMENTS[title])
+    assert fits(json.loads(result.stdout), schema, schema)
 
 
 def test_a_field_that_no_table_has_is_found() -> None:
