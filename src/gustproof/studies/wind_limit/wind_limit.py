@@ -45,11 +45,13 @@ DIRECTIONS = tuple(45.0 * k for k in range(8))
 _VERTICAL = {"below": (0.0, 0.0, -1.0), "above": (0.0, 0.0, 1.0)}
 _LENGTHS = tuple(0.1 * 1.6**k for k in range(9))
 """[s] of 1-cos gusts, .1 to 4.3."""
+_PLACE_LENGTHS = tuple(0.1 * 1.6**k for k in range(12))  # to 17.6: a position loop is slower than an attitude
 _CASES = 2**31
 _CHUNK = 8 * LANES
 _CELL = LANES  # flights at a point of the map
 _SEEN, _MOST_SEEN = 10.0, 8 * _CHUNK  # failures that tell their causes, and flights for them
 _PROOFS = 8  # tries for a wind whose tilt is within its limit
+_AROUND, _HALVINGS = 1.6, 4  # [-] most that a direction's wind differs from the middle; to within 3 %
 _MAP = tuple(0.28 * k for k in range(6))
 _NAMES = ("the front", "front right", "the right", "back right", "the back", "back left", "the left", "front left")
 Progress = Callable[[float, str], None]
@@ -105,6 +107,8 @@ class WindLimit:
     """Bearing [deg], and the median of the largest figure over its limit [-] in wind from there."""
     direction_speed: float
     """[m/s] of that wind at 20 ft, in which about half of the flights from the front fail."""
+    halves: tuple[tuple[float, float], ...]
+    """Bearing [deg], and the wind from there [m/s] in which the median flight fails; empty without the map."""
     causes: tuple[tuple[str, float], ...]
     """Words, and the share [-] of failures above the limit in which each is most over its limit."""
     gusts: tuple[GustLimit, ...]
@@ -219,6 +223,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         turbulence=limit,
         directions=around,
         direction_speed=middle,
+        halves=study.find_halves(middle) if with_map else (),
         causes=study.find_causes(worst, limit.high, risk),
         gusts=gusts,
         lengths=lengths,
@@ -282,6 +287,20 @@ class _Study:
         script = self.script(speed, from_deg)
         return math.inf if script is None else float(np.median(self._fly(script, 0, LANES).max(axis=1)))
 
+    def find_halves(self, middle: float) -> tuple[tuple[float, float], ...]:
+        """Return each bearing [deg] and its `half` [m/s]; none if the vehicle is carried along."""
+        return tuple((each, self.half(each, middle)) for each in DIRECTIONS if self.holds_place)
+
+    def half(self, from_deg: float, middle: float) -> float:
+        """Return the wind [m/s] in which the median flight begins to fail, around a middle; infinite if none does."""
+        low, high = middle / _AROUND, min(middle * _AROUND, MOST)
+        if self.load(from_deg, high) <= 1.0:
+            return math.inf
+        for _ in range(_HALVINGS):
+            between = math.sqrt(low * high)
+            low, high = (low, between) if self.load(from_deg, between) > 1.0 else (between, high)
+        return math.sqrt(low * high)
+
     def find_causes(self, from_deg: float, speed: float | None, risk: float) -> tuple[tuple[str, float], ...]:
         """Return words and their shares [-] of failures in a wind [m/s], the most frequent first."""
         if speed is None:
@@ -334,7 +353,8 @@ class _Study:
         script = gust_scenario(self._base, self.kept, length_s=1.0, direction=(1.0, 0.0, 0.0))
         metadata = json.dumps(self._campaign(script).metadata())
         sources = {name: toward(bearing) for name, bearing in zip(_NAMES, DIRECTIONS, strict=True)} | _VERTICAL
-        tasks = [(metadata, self.kept, name, along, _LENGTHS) for name, along in sources.items()]
+        lengths = _LENGTHS if self.place is None else _PLACE_LENGTHS
+        tasks = [(metadata, self.kept, name, along, lengths) for name, along in sources.items()]
         found = dict(zip(sources, self._run(find_gust_limits, tasks), strict=True))
         each = {name: min(limits, key=lambda one: one.speed) for name, limits in found.items()}
         name, worst = min(each.items(), key=lambda one: one[1].speed)

@@ -97,7 +97,18 @@ def test_the_map_is_monotone_to_its_counts_and_the_page_holds_it(tmp_path) -> No
     write_wind_page(found(), load_vehicle_set("paper").nominal, load_law("flagship"), tmp_path / "limit.html")
     text = (tmp_path / "limit.html").read_text(encoding="utf-8")
     assert "Mean wind against turbulence" in text
+    assert text.count('<polygon points="') == 2  # winds and gusts, from all sides
     assert all(line.replace("'", "&#x27;").replace("<", "&lt;") in text for line in describe_limit(found()))
+
+
+def test_the_wind_of_each_direction_is_where_its_median_flight_begins_to_fail() -> None:
+    assert [bearing for bearing, _ in found().halves] == [45.0 * k for k in range(8)]
+    winds = dict(found().halves)
+    assert winds[found().from_deg] <= 1.1 * min(winds.values())
+    with Pool(1) as pool:
+        study = _Study(load_law("flagship"), load_vehicle_set("paper"), AIR, parse_keep(KEEP), pool, 1)
+        assert study.load(90.0, 0.96 * winds[90.0]) <= 1.0 < study.load(90.0, 1.04 * winds[90.0])
+        assert study.half(90.0, 1.0) == math.inf
 
 
 def test_the_same_flights_are_flown_whatever_the_batches() -> None:

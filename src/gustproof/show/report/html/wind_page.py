@@ -15,8 +15,9 @@ from gustproof.show.report.html.judgement_page import fly_run
 from gustproof.show.report.html.marks import Mark
 from gustproof.show.report.html.markup import render_table
 from gustproof.show.report.html.page import render_page
+from gustproof.show.report.html.polar import PolarCurve, render_polar
 from gustproof.show.report.wind_lines import describe_limit, title
-from gustproof.studies.wind_limit.wind_limit import WindLimit
+from gustproof.studies.wind_limit.wind_limit import DIRECTIONS, WindLimit
 
 
 def write_wind_page(found: WindLimit, vehicle: Vehicle, law: Law, path: Path) -> None:
@@ -28,7 +29,18 @@ def write_wind_page(found: WindLimit, vehicle: Vehicle, law: Law, path: Path) ->
 
 def _render_limit(found: WindLimit) -> str:
     lines = "".join(f"<li>{escape(line)}</li>" for line in describe_limit(found))
-    return f'<section id="verdict"><h2>{escape(title(found))}</h2><ul>{lines}</ul>{_render_map(found)}</section>'
+    plots = f'<div class="forests">{_render_around(found)}{_render_map(found)}</div>'
+    return f'<section id="verdict"><h2>{escape(title(found))}</h2><ul>{lines}</ul>{plots}</section>'
+
+
+def _render_around(found: WindLimit) -> str:
+    """Return the winds and gusts that fail over their directions, and what they are."""
+    level = zip(DIRECTIONS, found.gusts[: len(DIRECTIONS)], strict=True)
+    least = [(bearing, gust.speed) for bearing, gust in level]
+    gusts = PolarCurve("least single 1-cos gust that fails, in calm air", 1, least)
+    winds = PolarCurve("mean wind with its turbulence in which half of the flights fail", 0, found.halves)
+    curves = [*([winds] if found.halves else []), gusts]
+    return render_polar("Wind that fails, by where it comes from [m/s]", curves, unit="m/s")
 
 
 def _render_map(found: WindLimit) -> str:
@@ -45,7 +57,8 @@ def _render_map(found: WindLimit) -> str:
     note = (
         "Share of flights that fail, [%], 32 in each cell. Both are wind speeds at 20 ft; the wind's own turbulence is"
     )
-    return f"<h3>Mean wind against turbulence</h3><p class='note'>{note} on the diagonal.</p>{render_table(head, rows)}"
+    heading = f"<h3>Mean wind against turbulence</h3><p class='note'>{note} on the diagonal.</p>"
+    return f"<div>{heading}{render_table(head, rows)}</div>"
 
 
 def _shade(share: float) -> str:
