@@ -163,7 +163,7 @@ def _write_file(path: Path, flight: "Flight") -> None:
         write_text(path, render_suites({title: [*flight_tests(flight)]}))
     elif len(flight.records):
         about = {"scenario": flight.scenario.name, "controller": flight.pilot_name, "seed": str(flight.seed)}
-        write_ulog(path, flight.records, flight.vehicle, flight.scenario, about)
+        write_ulog(path, flight.records, flight.vehicle, flight.scenario, about, flight.estimates)
 
 
 def _controller_name(plan: "FlightPlan | ExternalPlan") -> str:

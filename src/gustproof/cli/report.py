@@ -89,7 +89,7 @@ def _write_layout(runs: list[Path], output: Path) -> None:
 
 
 def _write_ulog(runs: list[Path], output: Path) -> None:
-    from gustproof.flight.recording.bag import read_bag
+    from gustproof.flight.recording.bag import read_bag, read_estimate_topics
     from gustproof.flight.recording.px4_log import write_ulog
     from gustproof.flight.routes.flight import parse_metadata
 
@@ -101,7 +101,7 @@ def _write_ulog(runs: list[Path], output: Path) -> None:
         scenario, controller, vehicle, seed, _ = parse_metadata(metadata, bag)
         flown = "" if controller is None else controller.name
         about = {"scenario": scenario.name, "controller": flown, "seed": str(seed)}
-        write_ulog(output, records, vehicle, scenario, about)
+        write_ulog(output, records, vehicle, scenario, about, read_estimate_topics(bag))
     print(f"{bag} in {output}")
 
 

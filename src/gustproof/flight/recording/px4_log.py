@@ -1,8 +1,8 @@
 """Write a flight as ULog, under the names of PX4's topics: for Flight Review, PlotJuggler and pyulog.
 
-A topic is PX4's where it has the same meaning. Attitude, position and wind are the true ones; the gyro is measured.
-Stamps are model time. Torques are normalised by the vehicle's limits, as PX4's set-points are. What PX4 alone has is
-left out.
+A topic is PX4's where it has the same meaning. Position and wind are the true ones; the gyro is measured. Attitude is
+the true one too, but of a real autopilot its own estimate, as in its own log, beside the ground truth. Stamps are model time. Torques are normalised by the vehicle's limits, as PX4's set-points are. What
+PX4 alone has is left out. PX4 has no topic for the torque of a disturbance.
 
 References
 ----------
@@ -22,6 +22,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.config.whole_file import whole_file
 from firmware_model.numerics.rotations import from_euler, rotate_rows
+from firmware_model.recording.estimates import ESTIMATE
 from firmware_model.recording.journal import record_blocks
 from gustproof.flight.recording.derived import angle_blocks
 from gustproof.types import Array, Records
@@ -73,12 +74,22 @@ class _Sampled(NamedTuple):
 _XYZ, _ONE = {"xyz": 3}, ("timestamp",)
 
 
-def _list_topics(vehicle: Vehicle, *, has_rates: bool) -> list[_Sampled]:
+_ESTIMATED = [
+    _Sampled("vehicle_attitude", {"q": 4}, lambda r, _: r["q_NB"]),
+    _Sampled("vehicle_attitude_setpoint", {"q_d": 4}, lambda r, _: r["setpoint_q_NB"], _ONE),
+]
+"""Topics of a real autopilot's own attitude, with a message for each that it told."""
+
+
+def _list_topics(vehicle: Vehicle, *, has_rates: bool, is_told: bool) -> list[_Sampled]:
     limits = np.array(vehicle.torque_limit)
     position = {name: 1 for name in ("x", "y", "z", "vx", "vy", "vz")}
-    return [
+    true = [
         _Sampled("vehicle_attitude", {"q": 4}, lambda r, _: r["q_NB"]),
         _Sampled("vehicle_attitude_setpoint", {"q_d": 4}, lambda _, angles: _quaternions(angles), _ONE),
+    ]
+    return [
+        *([true[0]._replace(name="vehicle_attitude_groundtruth")] if is_told else true),
         _Sampled("vehicle_angular_velocity", _XYZ, lambda r, _: r["gyro_B"]),
         _Sampled("vehicle_angular_velocity_groundtruth", _XYZ, lambda r, _: r["omega_B"]),
         _Sampled("vehicle_acceleration", _XYZ, lambda r, _: r["specific_force_B"]),
@@ -109,9 +120,16 @@ def _air(records: Records) -> Array:
 
 
 def write_ulog(
-    path: Path, records: Records, vehicle: Vehicle, scenario: Scenario, about: Mapping[str, str] | None = None
+    path: Path,
+    records: Records,
+    vehicle: Vehicle,
+    scenario: Scenario,
+    about: Mapping[str, str] | None = None,
+    estimates: Records | None = None,
 ) -> None:
     """Write journal `records` (n,) as a ULog; `about` are texts by name for its head.
+
+    `estimates` (m,) are the attitudes that a real autopilot told, see `firmware_model.recording.estimates`.
 
     Raises
     ------
@@ -130,33 +148,48 @@ def write_ulog(
     2500
     """
     has_rates = any(not np.isnan(block["omega_command_B"]).all() for block in record_blocks(records))
-    topics = _list_topics(vehicle, has_rates=has_rates)
-    changes = ((number, text.partition(":")[0]) for number, text in _CHANGES.items())
-    names = [*enumerate(topic.name for topic in topics), *changes]
+    told = np.empty(0, dtype=ESTIMATE) if estimates is None else estimates
+    topics, own = _list_topics(vehicle, has_rates=has_rates, is_told=len(told) > 0), _ESTIMATED if len(told) else []
     with whole_file(path) as file:
-        file.write(_MAGIC)
-        for name, text in {"sys_name": "gustproof", "ver_sw": __version__, **(about or {})}.items():
-            file.write(_info(name, text))
-        file.write(_message("P", _RATE + struct.pack("<i", round(1.0 / scenario.dt))))
-        for definition in (*(topic.format for topic in topics), *_CHANGES.values()):
-            file.write(_message("F", definition.encode()))
-        for number, name in names:
-            file.write(_message("A", struct.pack("<BH", 0, number) + name.encode()))
+        file.write(_head([*topics, *own], scenario, about or {}))
         for part in _data(records, topics, scenario):
             file.write(part)
+        for block in record_blocks(told):
+            file.write(_messages(block, own, len(topics), np.empty(0)).tobytes())
+
+
+def _head(topics: list[_Sampled], scenario: Scenario, about: Mapping[str, str]) -> bytes:
+    """Return the definitions of all topics, with texts about the flight."""
+    infos = {"sys_name": "gustproof", "ver_sw": __version__, **about}
+    formats = [*(topic.format for topic in topics), *_CHANGES.values()]
+    changes = ((number, text.partition(":")[0]) for number, text in _CHANGES.items())
+    names = [*enumerate(topic.name for topic in topics), *changes]
+    parts = [
+        *(_info(name, text) for name, text in infos.items()),
+        _message("P", _RATE + struct.pack("<i", round(1.0 / scenario.dt))),
+        *(_message("F", definition.encode()) for definition in formats),
+        *(_message("A", struct.pack("<BH", 0, number) + name.encode()) for number, name in names),
+    ]
+    return _MAGIC + b"".join(parts)
+
+
+def _messages(block: Records, topics: list[_Sampled], first: int, angles: Array) -> Array:
+    """Return the messages of topics, numbered from `first` on, for each of some records (n,) with references (n, 3)."""
+    rows = np.zeros(len(block), dtype=[(topic.name, _layout(topic)) for topic in topics])
+    for number, topic in enumerate(topics, first):
+        row = rows[topic.name]
+        row["size"], row["kind"], row["number"] = row.dtype.itemsize - 3, ord("D"), number
+        row["stamps"] = block["time_us"].astype(np.uint64)[:, np.newaxis]
+        row["values"] = topic.values(block, angles)
+    return rows
 
 
 def _data(records: Records, topics: list[_Sampled], scenario: Scenario) -> Iterator[bytes]:
     """Yield the samples of all topics in order of time, with the mode before each change of it."""
     before = None
-    layout = np.dtype([(topic.name, _layout(topic)) for topic in topics])
     for block, angles in zip(record_blocks(records), angle_blocks(records, scenario), strict=True):
-        rows, stamps = np.zeros(len(block), dtype=layout), block["time_us"].astype(np.uint64)
-        for number, topic in enumerate(topics):
-            row = rows[topic.name]
-            row["size"], row["kind"], row["number"] = row.dtype.itemsize - 3, ord("D"), number
-            row["stamps"] = stamps[:, np.newaxis]
-            row["values"] = topic.values(block, np.radians(angles["reference"]))
+        stamps = block["time_us"].astype(np.uint64)
+        rows = _messages(block, topics, 0, np.radians(angles["reference"]))
         modes = block["mode"].astype(np.int64)
         changes = np.flatnonzero(np.diff(modes, prepend=modes[0] + (before != modes[0]))).tolist()
         for begin, end in pairwise(sorted({0, *changes, len(block)})):

@@ -7,6 +7,7 @@ from pyulog import ULog
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.numerics.rotations import euler_angles
+from firmware_model.recording.estimates import ESTIMATE
 from gustproof.flight.recording.px4_log import write_ulog
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.loopback import fly_loopback
@@ -47,6 +48,21 @@ def test_each_topic_has_the_numbers_of_the_records(tmp_path):
     ours = read_log(tmp_path / "a.ulg")
     assert np.array_equal(ours.gyro.values, single["gyro_B"])
     assert [line for line in ours.findings if "none in this log" in line] == ["motors: none in this log"]
+
+
+def test_attitude_of_a_real_autopilot_is_its_estimate_beside_the_truth(tmp_path):
+    scenario = load_scenario("gust-roll")
+    records = fly_direct(scenario, load_law("flagship"))
+    told = np.zeros(500, dtype=ESTIMATE)
+    told["time_us"], told["q_NB"] = records["time_us"][2::5], records["q_NB"][2::5] + 0.01
+    told["setpoint_q_NB"] = (1.0, 0.0, 0.0, 0.0)
+    write_ulog(tmp_path / "a.ulg", records, VEHICLE, scenario, estimates=told)
+    log = ULog(str(tmp_path / "a.ulg"))
+    assert not log.file_corruption
+    assert np.array_equal(table(log, "vehicle_attitude", "q", 4), told["q_NB"].astype(np.float32))
+    assert log.get_dataset("vehicle_attitude").data["timestamp"].tolist() == told["time_us"].tolist()
+    assert np.array_equal(table(log, "vehicle_attitude_groundtruth", "q", 4), records["q_NB"].astype(np.float32))
+    assert np.array_equal(table(log, "vehicle_attitude_setpoint", "q_d", 4), told["setpoint_q_NB"].astype(np.float32))
 
 
 def test_a_change_of_mode_is_a_message_of_the_status(tmp_path):
