@@ -1,8 +1,9 @@
 """Write a flight as ULog, under the names of PX4's topics: for Flight Review, PlotJuggler and pyulog.
 
 A topic is PX4's where it has the same meaning. Position and wind are the true ones; the gyro is measured. Attitude is
-the true one too, but of a real autopilot its own estimate, as in its own log, beside the ground truth. Stamps are model time. Torques are normalised by the vehicle's limits, as PX4's set-points are. What
-PX4 alone has is left out. PX4 has no topic for the torque of a disturbance.
+the true one too, but of a real autopilot its own estimate, as in its own log, beside the ground truth. Stamps are model
+time. Torques are normalised by the vehicle's limits, as PX4's set-points are. What PX4 alone has is left out. PX4 has
+no topic for the torque of a disturbance.
 
 References
 ----------
