@@ -83,7 +83,7 @@ def compare(
 
     written = _check_tables(output)
     airframe = load_vehicle(vehicle)
-    scripts = _find_scenarios(scenario or ["paper-turbulence"], vehicle, free=free)
+    scripts = _find_scenarios(scenario or ["paper-turbulence"], airframe, free=free)
     laws = {each: _find_controller(each, airframe, scripts[0]) for each in _check_once(law or ["flagship"])}
     named: dict[str, AnyController] = {}
     if len(laws) == 1 or _are_given(context):
@@ -122,15 +122,14 @@ def _check_once(names: list[str]) -> list[str]:
     return names
 
 
-def _find_scenarios(names: list[str], vehicle: str, *, free: bool) -> "list[Scenario]":
+def _find_scenarios(names: list[str], vehicle: "Vehicle", *, free: bool) -> "list[Scenario]":
     """Return scenarios by name or file, and those of the course in strengths for the vehicle."""
-    from firmware_model.config.vehicle import load_vehicle
     from gustproof.cli.fly import load_script
     from gustproof.studies.campaign.course import COURSE, load_course
 
     found: list[Scenario] = []
     for name in names:
-        found += load_course(load_vehicle(vehicle)) if name == COURSE else [load_script(name, vehicle, free=free)]
+        found += load_course(vehicle) if name == COURSE else [load_script(name, vehicle, free=free)]
     return found
 
 

@@ -92,11 +92,13 @@ def fly(
         gustproof fly paper-turbulence --controller "exec: node mine.mjs"
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot
     """
+    from firmware_model.config.vehicle import load_vehicle
+
     folder, files = _split_outputs(output or [], view=view)
     laws: list[str | None] = [*law] if law else [None]
     _refuse_several(laws, allowed=view and not (as_json or autopilot))
     chosen = choose_autopilot(context, autopilot, build, params, laws[0], instance)
-    script = load_script(scenario, vehicle, free=free)
+    script = load_script(scenario, load_vehicle(vehicle), free=free)
     plans: list[FlightPlan | ExternalPlan]
     if chosen:
         plans = [_make_external_plan(script, chosen, vehicle, seed, real_time=real_time)]
@@ -138,14 +140,13 @@ def _make_plans(
     return [FlightPlan(script, controller, vehicle, seed, real_time) for controller, vehicle in controllers]
 
 
-def load_script(scenario: str, vehicle: str, *, free: bool) -> "Scenario":
+def load_script(scenario: str, vehicle: "Vehicle", *, free: bool) -> "Scenario":
     """Return the scenario with the vehicle's delay, in free flight if `free`; its name then says so."""
     from dataclasses import replace
 
     from firmware_model.config.scenario import load_scenario
-    from firmware_model.config.vehicle import load_vehicle
 
-    script = on_vehicle(load_scenario(scenario), load_vehicle(vehicle))
+    script = on_vehicle(load_scenario(scenario), vehicle)
     return replace(script, name=f"{script.name}-free", translation="free") if free and not script.free else script
 
 

@@ -1,10 +1,15 @@
 """Paired ratios whose test may be read after each flight: few false verdicts, and real differences soon found."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.flight.routes.batch import Case, fly_many
+from gustproof.law.form import Law, load_law
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import Change, error_ratio, find_change
 
@@ -87,3 +92,54 @@ def test_four_pairs_bound_a_ratio_and_equal_ones_have_a_spread_of_a_billionth(co
 )
 def test_an_error_is_less_more_or_alike_within_a_hundredth(low: float, high: float, change: Change) -> None:
     assert find_change(IntervalEstimate(1.0, low, high)) is change
+
+
+SHORT, PAPER = replace(load_scenario("paper-turbulence"), duration_s=2.0), load_vehicle("paper")
+
+
+def fly_errors(law: Law, seeds: range, duration_s: float = 2.0) -> list[float]:
+    """Return the rms error [deg] of a law with each seed."""
+    scenario = replace(SHORT, duration_s=duration_s)
+    return [each.metrics.rmse_deg for each in fly_many(scenario, law, [Case(vehicle=PAPER, seed=k) for k in seeds])]
+
+
+def through(law: Law, new: float) -> Law:
+    """Return the law behind a first-order filter that takes a share [-] of each new command; a sample late for 0."""
+    n, kept = law.order, 1.0 - new
+    first, fed = (1.0, 0.0) if new == 0.0 else (new, kept)
+    A = np.block([[law.A, np.zeros((n, 3))], [first * law.C, fed * np.eye(3)]])
+    C = np.hstack([new * law.C, (1.0 if new == 0.0 else kept) * np.eye(3)])
+    G, H = (np.vstack([each, np.zeros((3, 3))]) for each in (law.G, law.H))
+    return replace(law, A=A, B=np.vstack([law.B, first * law.D]), C=C, D=new * law.D, G=G, H=H, rate_limit=None)
+
+
+@pytest.mark.parametrize("kind", ["gain", "filter", "delay"])
+def test_a_law_made_worse_is_found_in_few_flights(kind: str) -> None:
+    law = load_law("flagship")
+    made = {
+        "gain": replace(law, C=0.97 * law.C, D=0.97 * law.D),
+        "filter": through(law, 1.0 - math.exp(-2.0 * math.pi * 30.0 * law.dt)),
+        "delay": through(law, 0.0),
+    }[kind]
+    errors, before = fly_errors(made, range(1, 21), 6.0), fly_errors(law, range(1, 21), 6.0)
+    found = [find_change(error_ratio(errors[:count], before[:count])) for count in range(4, 21)]
+    assert Change.WORSE in found
+    assert Change.BETTER not in found
+    assert error_ratio(errors, before).value < 1.05
+    through_all = fly_errors(replace(law, rate_limit=None), range(1, 5), 6.0)
+    assert through_all == before[:4]  # what `through` leaves out does not act here
+
+
+def test_flown_null_comparisons_are_flagged_in_a_hundredth_at_most() -> None:
+    """Compare a law with itself in other gusts, 800 times."""
+    errors = np.array(fly_errors(load_law("flagship"), range(1000, 9000)))
+    flagged = 0
+    for turn in range(4):
+        pairs = np.random.default_rng(turn).permutation(errors).reshape(200, 2, 20)
+        for mine, its in pairs.tolist():
+            verdicts = (find_change(error_ratio(mine[:count], its[:count])) for count in range(4, 21))
+            flagged += next((each for each in verdicts if each is not Change.OPEN), None) in (
+                Change.WORSE,
+                Change.BETTER,
+            )
+    assert flagged <= 8

@@ -53,9 +53,10 @@ def _render_map(found: WindLimit) -> str:
     rows = [
         [f"{mean:.1f}", *(_shade(share[mean, turbulence]) for turbulence in turbulences)] for mean in reversed(means)
     ]
-    head = ["mean wind \\ turbulence [m/s]", *(f"{each:.1f}" for each in turbulences)]
+    head = ["mean wind", *(f"{each:.1f}" for each in turbulences)]
     note = (
-        "Share of flights that fail, [%], 32 in each cell. Both are wind speeds at 20 ft; the wind's own turbulence is"
+        "Share of flights that fail, [%], 32 in each cell. Rows are mean winds, columns turbulence, both as speeds "
+        "at 20 ft [m/s]. The wind's own turbulence is"
     )
     heading = f"<h3>Mean wind against turbulence</h3><p class='note'>{note} on the diagonal.</p>"
     return f"<div>{heading}{render_table(head, rows)}</div>"
