@@ -84,7 +84,16 @@ def test_versions_of_python_are_those_of_the_guide() -> None:
 
 def test_forms_and_the_container_name_files_and_commands_that_there_are() -> None:
     folder = ROOT / ".github"
-    files = {"CONTRIBUTING.md", "SECURITY.md", "bug.yml", "config.yml", "idea.yml", "pages.yml", "test.yml"}
+    files = {
+        "CONTRIBUTING.md",
+        "SECURITY.md",
+        "bug.yml",
+        "config.yml",
+        "idea.yml",
+        "pages.yml",
+        "test.yml",
+        "action.yml",
+    }
     assert {path.name for path in folder.rglob("*") if path.is_file()} == files
     site = (folder / "workflows" / "pages.yml").read_text(encoding="utf-8")
     assert "gustproof guide -o site --no-open" in site

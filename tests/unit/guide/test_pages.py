@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
+from ruamel.yaml import YAML
 
 from firmware_model.config.files import validate
 from firmware_model.config.scenario import Scenario, list_scenarios
@@ -107,7 +108,9 @@ def test_blocks_of_python_and_toml_are_whole(name: str) -> None:
         ast.parse(block)
     for block in blocks(name, "toml"):
         tomllib.loads(block)
-    known = {"python", "toml", "diff", "console", "c", "js", "text", "bibtex"}
+    for block in blocks(name, "yaml"):
+        YAML(typ="safe").load(block)
+    known = {"python", "toml", "diff", "console", "c", "js", "yaml", "text", "bibtex"}
     assert set(re.findall(r"^```(\w+)", TEXTS[name], flags=re.MULTILINE)) <= known
 
 
