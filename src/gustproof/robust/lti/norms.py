@@ -152,7 +152,7 @@ def h2_norm(system: LinearSystem) -> float:
         return float("inf")
     B, C = U.T @ G.B, G.C @ U
     gramian, scale, _ = dtrsyl(T, T, -B @ B.T, tranb="T")
-    return float(np.sqrt(max(scale * np.trace(C @ gramian @ C.T), 0.0)))
+    return float(np.sqrt(max(np.trace(C @ gramian @ C.T) / scale, 0.0)))
 
 
 class _Image(NamedTuple):

@@ -1,5 +1,6 @@
 """The structured singular value of matrices, with blocks written as in MATLAB."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,11 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.state_space import ComplexMatrix, Matrix, gain
+from gustproof.robust.mu.nearest_singular import nearest_singular_delta
 from gustproof.robust.mu.scalings import best_scalings
-from gustproof.robust.mu.singular_value import matrix_lower_bound, mu
+from gustproof.robust.mu.singular_value import SHARES, matrix_lower_bound, mu
 from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
+
+_TIGHT = 0.995
+"""[-] lower over upper bound above which neither is searched further."""
+_SMALLER = (0.5, 0.25, 0.1, 0.03, 0.01, 1e-3)
+"""[-] shares of the upper bound tried in turn where no singular matrix was found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -32,8 +39,10 @@ class MatrixMu(Shown):
         return [f"mu: {np.ravel(self.lower)[k]:.6g} to {np.ravel(self.upper)[k]:.6g}{count}"]
 
 
-def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 1e-3) -> MatrixMu:
+def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 1e-3, boxes: int = 100) -> MatrixMu:
     """Return bounds on mu of a complex matrix, or of one for each frequency (MATLAB: `mussv`).
+
+    Where real parameters leave a gap between the bounds, their ranges are halved by branch and bound.
 
     Parameters
     ----------
@@ -44,6 +53,8 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
         block of p rows and m columns is (p, m).
     accuracy
         [-] relative distance of the upper bounds from the least of D-G scalings.
+    boxes
+        Most boxes of real parameters at each level tried; 1 for scalings alone.
 
     Raises
     ------
@@ -52,7 +63,8 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
 
     References
     ----------
-    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109.
+    A. Packard, J. C. Doyle, The complex structured singular value, Automatica 29 (1993), 71-109. M. P. Newlin, P. M.
+    Young, Mixed mu problems and branch and bound techniques, Int. J. of Robust and Nonlinear Control 7 (1997), 145-164.
 
     Examples
     --------
@@ -67,7 +79,7 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
         raise ValueError(f"M has the shape {whole.shape}, the blocks need {z} x {w}")
     if not np.isfinite(whole).all():
         raise ValueError("M has what is no finite number")
-    found = [_bounds(matrix, known, accuracy) for matrix in whole.reshape(-1, z, w)]
+    found = [_bounds(matrix, known, accuracy, boxes) for matrix in whole.reshape(-1, z, w)]
     lower, upper, Delta = (np.array(each) for each in zip(*found, strict=True))
     shape = whole.shape[:-2]
     return MatrixMu(lower=lower.reshape(shape), upper=upper.reshape(shape), Delta=Delta.reshape(*shape, w, z))
@@ -83,7 +95,9 @@ def _block(k: int, pair: tuple[int, int]) -> DeltaBlock:
     return FullBlock(name=name, n_outputs=p, n_inputs=m)
 
 
-def _bounds(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], accuracy: float) -> tuple[float, float, ComplexMatrix]:
+def _bounds(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], accuracy: float, boxes: int
+) -> tuple[float, float, ComplexMatrix]:
     """Return both bounds of one matrix, and the Delta of the lower one."""
     if not M.imag.any():
         found = mu(Uncertain(M=gain(M.real), blocks=blocks), accuracy=accuracy)
@@ -96,4 +110,53 @@ def _bounds(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], accuracy: float) -
     for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
         value = np.atleast_2d(np.asarray(delta.get(block.name, np.zeros((block.n_outputs, block.n_inputs)))))
         Delta[w, z] = np.kron(np.eye(block.repeats), value)
+    if lower < _TIGHT * upper and math.isfinite(upper):
+        nearest, found_there = nearest_singular_delta(M, blocks, upper)
+        lower, Delta = (nearest, found_there) if nearest > lower else (lower, Delta)
+        upper = _lower_by_boxes(M, blocks, (lower, upper), accuracy, boxes)
     return min(lower, upper), upper, Delta
+
+
+def _lower_by_boxes(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], bounds: tuple[float, float], accuracy: float, boxes: int
+) -> float:
+    """Return the least upper bound that boxes of the real parameters prove; with a lower one, the levels next to it."""
+    lower, upper = bounds
+    for level in [lower / share for share in SHARES] if lower else [upper * share for share in _SMALLER]:
+        proved = level < upper and _is_regular_within(M, blocks, 1.0 / level, accuracy, boxes)
+        upper = level if proved else upper
+        if proved == (lower > 0.0):
+            break
+    return upper
+
+
+def _is_regular_within(
+    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], radius: float, accuracy: float, boxes: int
+) -> bool:
+    """Return whether `I - M Delta` is proved regular for every Delta of norm `radius`, by at most `boxes` boxes."""
+    places = list(zip(blocks, rows(blocks), columns(blocks), strict=True))
+    parameters = sum(isinstance(block, RealBlock) for block in blocks)
+    pending, seen = [np.full((parameters, 2), [-radius, radius])], 0
+    while pending:
+        box, seen = pending.pop(), seen + 1
+        if seen > boxes:
+            return False
+        # Delta = centre + extent Delta', Delta' in the unit ball
+        centre, extent, ends = np.zeros(M.shape[::-1]), np.full(M.shape[1], radius), iter(box)
+        for block, w, z in places:
+            if isinstance(block, RealBlock):
+                low, high = next(ends)
+                centre[w, z], extent[w] = 0.5 * (low + high) * np.eye(block.repeats), 0.5 * (high - low)
+        try:
+            inside = np.linalg.solve(np.eye(len(M)) - M @ centre, M) * extent
+        except np.linalg.LinAlgError:
+            return False
+        scalings = best_scalings(inside, blocks, gain=False, accuracy=max(accuracy, 0.01), enough=0.999)
+        if scalings.level(inside) < 1.0:
+            continue
+        if not parameters:
+            return False
+        k = int(np.argmax(box[:, 1] - box[:, 0]))
+        middle = box[k].mean()
+        pending += [np.vstack([box[:k], [half], box[k + 1 :]]) for half in ((box[k, 0], middle), (middle, box[k, 1]))]
+    return True

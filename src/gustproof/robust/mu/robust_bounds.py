@@ -39,7 +39,10 @@ class RobustBounds(Shown, Bracket):
         """The system at these values, its complex ones made stable systems that have them at `omega`."""
         known = {block.name: self.delta[block.name] for block in self._found()}
         delta = interpolate_blocks(self.system.blocks, known, self.omega, self.system.M.dt)
-        return self.system.close(delta).to_control(**self.system.labels())
+        try:
+            return self.system.close(delta).to_control(**self.system.labels())
+        except ValueError:
+            raise ValueError("no worst member: at the worst values the loop without lag has no solution") from None
 
     def _found(self) -> list[DeltaBlock]:
         return [block for block in self.system.blocks if block.name in self.delta]
@@ -64,6 +67,7 @@ def _own_value(block: DeltaBlock, delta: Any) -> Any:
 
 def _show(block: DeltaBlock, value: Any) -> str:
     if isinstance(block, RealBlock):
+        value = value if abs(value) > 1e-9 * (block.high - block.low) else 0.0
         return f"{value:.4g} of [{block.low:g}, {block.high:g}]"
     size = np.linalg.norm(np.atleast_2d(value) - block.nominal * np.eye(block.n_outputs, block.n_inputs), 2)
     return f"{value:.4g} of size {size:.4g}" if isinstance(value, complex) else f"a matrix of size {size:.4g}"

@@ -54,7 +54,7 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
     >>> from gustproof.robust import feedback, robstab, ureal
     >>> gain = ureal("gain", 4.0, percent=25)
     >>> robstab(feedback(gain * tf(1, [1, 3, 3, 1])))
-    Robust stability margin: 3.991 to 4 at 1.732 rad/s
+    Robust stability margin: 4 to 4 at 1.732 rad/s
     gain: 8 of [3, 5]
     """
     system = as_uncertain(system)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.margins import largest_disk
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, as_lti, sensitivity
+from gustproof.robust.mu.one_parameter import one_parameter_margin
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import WorstDelta, most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.mu.worst_gain import ParameterBox, best_halves, restrict
@@ -22,7 +23,9 @@ from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBl
 
 _HALVINGS = 40
 """Number of halvings that place the crossing of a pole on a line of parameters."""
-_SHARES = (0.998, 0.99, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
+_RADII = 12
+"""Most radii of the other blocks at which the gain at the last one is searched."""
+SHARES = (0.998, 0.99, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
 """[-] shares of the radius of the found Delta that branch and bound tries in turn."""
 
 
@@ -74,6 +77,10 @@ def _bracket(system: Uncertain, accuracy: float) -> Bracket:
     """Return the bracket by scalings over all frequencies, and by search."""
     blocks = add_performance_block(system) if system.n_inputs else system.blocks
     M = to_continuous(system)
+    if len(blocks) == 1 and isinstance(blocks[0], RealBlock) and M.is_stable():
+        exact = one_parameter_margin(M, blocks[0])
+        if exact:
+            return replace(exact, omega=unwarp_frequency(exact.omega, system))
     upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
     if all(isinstance(block, RealBlock) for block in blocks):
         found = _realmatrix_lower_bound(M, blocks, upper)
@@ -91,7 +98,7 @@ def _branch_and_bound(system: Uncertain, found: Bracket, accuracy: float, boxes:
     """Return the least upper bound that boxes of the real parameters prove."""
     blocks = add_performance_block(system) if system.n_inputs else system.blocks
     closed = Uncertain(M=system.M, blocks=blocks)
-    for share in _SHARES:
+    for share in SHARES:
         level = found.lower / share
         if level >= found.upper:
             break
@@ -161,16 +168,24 @@ def matrix_lower_bound(
     z, w = (np.concatenate([np.r_[parts[k]] for k in order]) for parts in (columns(blocks), rows(blocks)))
     swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
     beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
-    best, delta = 0.0, dict[str, ArrayLike]()
-    for _ in range(8):
+    best, delta, most = 0.0, dict[str, ArrayLike](), 2.0 * beta
+    for _ in range(_RADII):
         found = worst_delta(swapped, others, radius=1.0 / beta, repeated=repeated)
         if min(beta, found.gain) > best:
             best = min(beta, found.gain)
             delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found, repeated=repeated)}
         if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
             break
-        beta = math.sqrt(beta * min(found.gain, 100.0 * beta))
+        beta, most = _next_radius(beta, found.gain, best, most)
     return best, delta
+
+
+def _next_radius(beta: float, reached: float, best: float, most: float) -> tuple[float, float]:
+    """Return the next inverse radius after `beta`, where the gain `reached` was met, and the least one too large."""
+    most = min(most, beta) if reached < beta else most
+    step = math.sqrt(beta * min(reached, 100.0 * beta))
+    # near a pole of the gain such steps are too long
+    return step if best < step < most else math.sqrt(best * most), most
 
 
 def _closing_matrix(M: ComplexMatrix, found: WorstDelta, *, repeated: bool) -> ComplexMatrix:

@@ -42,6 +42,8 @@ class Bracket:
     @property
     def gap(self) -> float:
         """[-] upper over lower bound, less 1."""
+        if self.lower == self.upper:
+            return 0.0
         return self.upper / self.lower - 1.0 if self.lower > 0.0 else math.inf
 
 
@@ -67,7 +69,8 @@ def sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: float
     if not blocks:
         raise ValueError("there is nothing uncertain")
     if not M.is_stable():
-        raise ValueError("the system is unstable at Delta = 0")
+        pole = max(M.poles(), key=lambda each: each.real)
+        raise ValueError(f"the system is unstable at Delta = 0, its nominal values: a pole at {abs(pole):.4g} rad/s")
     units = balance(M, blocks[:-1] if gain else blocks)
     output = units.channels.output if gain else 1.0
     level, grid = _sweep(units.change(M, output=output), blocks, gain=gain, accuracy=accuracy)

@@ -8,7 +8,7 @@ from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.mu.robust_bounds import RobustBounds
 from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
-from gustproof.robust.mu.worst_delta import worst_delta
+from gustproof.robust.mu.worst_delta import most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.uncertain.elements import ultidyn, ureal
 from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft
 from gustproof.robust.uncertain.uncertainty import RealBlock
@@ -51,7 +51,7 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
     gain: 2.4 of [1.6, 2.4]
     """
     system = as_uncertain(system)
-    if not (system.blocks and system.n_inputs and system.n_outputs):
+    if not all((system.blocks, system.n_inputs, system.n_outputs)):
         raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")
     whole: ParameterBox = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
     leaves = [(whole, _box_gain(system, whole, accuracy))]
@@ -60,6 +60,7 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
         worst = max(range(len(leaves)), key=lambda k: leaves[k][1].upper)
         box, bracket = leaves[worst]
         if len(leaves) >= boxes or bracket.upper <= (1.0 + 2.0 * accuracy) * best.lower or not whole:
+            best = _destabilising(system, best) if np.isinf(bracket.upper) else best
             return RobustBounds(
                 lower=best.lower,
                 upper=bracket.upper,
@@ -108,6 +109,24 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
     if peak.gain < worst.gain:
         return Bracket(lower=worst.gain, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
     return Bracket(lower=peak.gain, upper=upper, omega=peak.omega, delta=delta)
+
+
+def _destabilising(system: Uncertain, found: Bracket) -> Bracket:
+    """Return an infinite gain with a member of the family that is unstable, or what was found if none is met."""
+    M, z, w = to_continuous(system), system.n_z, system.n_w
+    if np.isinf(found.lower):
+        return found
+    if M.order:
+        worst, pole = most_unstable_delta(M, system.blocks)
+        omega, meets = abs(pole.imag), worst.gain >= 0.0
+    else:
+        worst, omega = most_singular_delta(M.D[:z, :w].astype(np.complex128), system.blocks), 0.0
+        meets = worst.gain >= 1.0
+    if not meets:
+        return found
+    size = 1.0 if M.order else worst.gain
+    delta = {name: np.asarray(value) / size for name, value in worst.parts(system.blocks).items()}
+    return Bracket(lower=np.inf, upper=np.inf, omega=unwarp_frequency(omega, system), delta=delta)
 
 
 def best_halves(

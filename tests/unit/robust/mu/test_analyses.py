@@ -12,6 +12,7 @@ from gustproof.robust import (
     diskmargin,
     feedback,
     hinf_norm,
+    lft,
     mussv,
     ncfmargin,
     robgain,
@@ -207,7 +208,10 @@ def test_a_disk_margin_says_which_gains_and_phases_it_covers():
         (lambda: mussv(np.eye(2), [(0, 0)] * 2), "must be at least 1 x 1"),
         (lambda: robgain(ureal("a", range=(0, 1)) * lag, 0.0), "gamma is 0.0"),
         (lambda: robgain(lag, 10.0), "no blocks"),
-        (lambda: robstab(feedback(ureal("k", range=(9, 10)) * CUBIC)), "unstable at Delta = 0"),
+        (
+            lambda: robstab(feedback(ureal("k", range=(9, 10)) * CUBIC)),
+            "unstable at Delta = 0, its nominal values: a pole at",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             wrong()
@@ -234,6 +238,50 @@ def test_mu_over_frequency_is_that_of_each_matrix():
     assert str(found) == f"mu: {found.lower[0]:.6g} to {found.upper[0]:.6g}, the largest of 2"
     repeated = mussv(np.array([[0.0, 2.0], [3.0, 0.0]]), [(2, 0)])
     assert float(repeated.upper) == pytest.approx(math.sqrt(6.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.1])
+def test_one_parameter_has_an_exact_margin(dt):
+    # where mu jumps at single frequencies, scalings alone leave 20 % open
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(4, 4))
+    poles = np.linalg.eigvals(A)
+    A = 0.9 * A / np.max(np.abs(poles)) if dt else A - (np.max(poles.real) + 0.3) * np.eye(4)
+    plant = ss(A, rng.normal(size=(4, 3)), 0.2 * rng.normal(size=(3, 4)), 0.05 * rng.normal(size=(3, 3)), dt)
+    mass = ureal("mass", range=(900.0, 1300.0), nominal=1000.0)
+    loop = lft(append(*[0.004 * (mass - 1000.0)] * 3), plant)
+    found = robstab(loop)
+    assert found.upper == pytest.approx(found.lower, rel=1e-5)
+    poles = found.worst_member.poles()
+    assert min(abs(abs(poles) - 1.0) if dt else abs(poles.real)) < 1e-9
+    for share in np.linspace(-0.999, 0.999, 400) * found.lower:
+        assert loop.close({"mass": share}).is_stable()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    "blocks", [[(-1, 0)] * 3, [(-1, 0)] * 6, [(-2, 0), (2, 0), (2, 1)], [(-1, 0), (-1, 0), (2, 2)]], ids=str
+)
+def test_bounds_of_a_matrix_with_up_to_six_parameters_are_tight(seed, blocks):
+    rng = np.random.default_rng(seed)
+    w = sum(abs(p) for p, _ in blocks)
+    z = sum(m or abs(p) for p, m in blocks)
+    M = rng.normal(size=(z, w)) + 1j * rng.normal(size=(z, w))
+    found = mussv(M, blocks)
+    assert 0.0 < found.lower <= found.upper <= 1.01 * found.lower
+    assert np.linalg.svd(np.eye(z) - M @ found.Delta, compute_uv=False)[-1] < 1e-8
+    # a smaller Delta leaves the matrix regular: no random one is singular
+    if all(m == 0 and p == -1 for p, m in blocks):
+        inside = rng.uniform(-1.0, 1.0, size=(2000, w)) / found.upper
+        assert np.min(np.abs(np.linalg.det(np.eye(z) - M * inside[:, None, :]))) > 0.0
+
+
+def test_a_family_with_an_unstable_member_has_an_infinite_worst_gain():
+    static = wcgain(feedback(ureal("a", range=(-1.0, 1.5)) * 2.0))
+    assert (static.lower, static.upper, static.worst["a"]) == (math.inf, math.inf, pytest.approx(-0.5))
+    found = wcgain(feedback(4 * CUBIC * (1 + ultidyn("d", bound=0.9))), **FAST)
+    assert (found.lower, found.gap) == (math.inf, 0.0)
+    assert max(found.worst_member.poles().real) > 0.0
 
 
 @pytest.mark.slow
