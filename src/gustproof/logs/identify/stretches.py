@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from gustproof.logs.identify.rate_response import command_response
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
@@ -54,7 +55,9 @@ class Stretch:
 
     def average(self, samples: Array) -> Array:
         """Return the means of gyro samples (n, k) over the bins (b, k)."""
-        return np.asarray(np.add.reduceat(samples, self.bins, axis=0) / self.count[:, None])
+        n = len(samples)
+        sums = csr_array((np.ones(n), np.arange(n), np.append(self.bins, n)), shape=(len(self.bins), n))
+        return np.asarray(sums @ samples / self.count[:, None])  # np.add.reduceat takes up to ten times as long
 
 
 def sample_time(signal: LogSignal) -> float:
