@@ -179,6 +179,8 @@ def assert_is_played_at_the_clocks_pace(browser) -> None:
     until(lambda: browser.run(later), "it goes on")
     now_s, to_s, _ = browser.run(state)
     assert to_s - from_s <= now_s - begun_s + 0.3  # two frames apart, on a busy machine
+    roll, told = browser.run("['#charts figure b', '#angles'].map((each) => document.querySelector(each).textContent)")
+    assert float(roll.replace("−", "-")) == pytest.approx(float(told.split()[1].replace("−", "-")[:-1]), abs=0.006)
     click(browser, "pause")
     until(lambda: text(browser, "pause") == "Play", "it stands")
     stands = browser.run("new Promise(requestAnimationFrame).then(() => gustproof.shown.t)")

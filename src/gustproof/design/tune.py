@@ -203,7 +203,7 @@ def wanted_slew(vehicle: Vehicle, scenario: Scenario, slew: float | None, sensit
         )
     wanted = default_slew(vehicle, scenario) if slew is None else slew
     if not (math.isfinite(wanted) and wanted > 0.0):
-        raise DesignError(f"slew {wanted} N m/s: must be above 0 (in calm air give one)")
+        raise DesignError(f"slew {wanted:g} N m/s: must be above 0, such as 20; calm air asks for none, so give one")
     if not 1.0 < sensitivity_peak < 10.0:
         raise DesignError(f"sensitivity peak {sensitivity_peak}: must be between 1 and 10")
     return wanted

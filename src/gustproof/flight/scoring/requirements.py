@@ -28,7 +28,7 @@ _LABELS = {
     Metric.TORQUE_RMS: ("torque rms", "N m"),
     Metric.TORQUE_PEAK: ("torque peak", "N m"),
     Metric.TORQUE_SLEW: ("torque slew rms", "N m/s"),
-    Metric.SATURATED: ("at a torque limit", "s"),
+    Metric.SATURATED: ("torque saturated", "s"),
     Metric.RHO: ("envelope used", "-"),
     Metric.DRIFT: ("drift", "m"),
 }
@@ -99,10 +99,16 @@ _FIRST, _LAST, _ORIGIN = 1, 2, 3
 
 def requirement_label(requirement: Requirement) -> str:
     """Return the name of a requirement's measurement, with unit, axis and band."""
-    label, unit = _LABELS[requirement.metric]
+    return f"{requirement_name(requirement)} [{requirement_unit(requirement)}]"
+
+
+def requirement_name(requirement: Requirement) -> str:
+    """Return the name of a requirement's measurement, with axis and band."""
     axis = "" if requirement.axis is None else f", {requirement.axis}"
     band = "" if requirement.within_deg is None else f" within {requirement.within_deg:g} deg"
-    return f"{label}{axis}{band} [{unit}]"
+    if requirement.metric is Metric.RECOVERY:
+        return f"{requirement.axis or 'attitude'} back{band}"
+    return f"{_LABELS[requirement.metric][0]}{axis}{band}"
 
 
 def requirement_unit(requirement: Requirement) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from gustproof.flight.scoring.requirements import judge, requirement_label, requirement_limits
+from gustproof.flight.scoring.requirements import judge, requirement_limits, requirement_name, requirement_unit
 from gustproof.types import Records
 
 
@@ -33,9 +33,11 @@ def requirement_status(records: Records, scenario: Scenario, vehicle: Vehicle, *
 def _text(requirement: Requirement) -> str:
     end = "end" if requirement.to_s is None else f"{requirement.to_s:g} s"
     whole = requirement.from_s == 0.0 and requirement.to_s is None
-    window = "whole flight" if whole else f"{requirement.from_s:g} s to {end}"
+    window = "" if whole else f", {requirement.from_s:g} s to {end}"
     if requirement.metric is Metric.RHO:
         limits = (("≥", requirement.at_least), ("≤", requirement.at_most))
         shares = " ".join(f"{sign} {100.0 * limit:g} %" for sign, limit in limits if limit is not None)
-        return f"envelope used {shares}, {window}"
-    return f"{requirement_label(requirement)} {requirement_limits(requirement)}, {window}"
+        return f"envelope used {shares}{window}"
+    if requirement.metric is Metric.SATURATED and requirement.at_most == 0.0:
+        return f"torque never saturated{window}"
+    return f"{requirement_name(requirement)} {requirement_limits(requirement)} {requirement_unit(requirement)}{window}"

@@ -39,7 +39,7 @@ def render_campaign(found: CampaignStatistics) -> Renderable:
         law.figures[IMPORTANCE_FIGURE].importance.get(name) for law in found.laws for name in found.campaign.spreads
     ]
     if certified and not any(certified):
-        parts.append(Text(f"causes: these runs do not tell them apart ({FEWEST_RUNS} are needed)"))
+        parts.append(Text(f"causes: not estimated, they need {FEWEST_RUNS} runs of each law or more"))
     elif certified:
         caption = (
             "Share of the variance explained by each quantity alone (Sobol' index by binning), rank correlation ρ; "
@@ -80,7 +80,8 @@ def describe_campaign(campaign: Campaign) -> str:
     drawn = ", ".join(campaign.spreads)
     laws = ", ".join(law.name for law in campaign.laws)
     vehicle, how = campaign.vehicles.document["name"], f"{campaign.sampling.value}, seed {campaign.seed}"
-    return f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} cases with {laws}; drawn {how}: {drawn}"
+    cases = f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} cases with {laws}"
+    return f"{cases}; each case draws ({how}): {drawn}"
 
 
 def format_estimate(estimate: IntervalEstimate) -> tuple[str, str]:

@@ -48,9 +48,9 @@ def test_light_is_dark_until_its_window_is_flown(scenario, samples, over, held):
 def test_light_says_what_is_required(scenario):
     shown = requirement_status(flown(250), scenario, VEHICLE, over=False)
     assert [light["text"] for light in shown] == [
-        "torque peak [N m] ≤ 1, 0 s to 0.4 s",
-        "torque peak, roll [N m] ≤ 0.1, 0 s to 0.4 s",
-        "peak [deg] ≥ 0 ≤ 1, whole flight",
+        "torque peak ≤ 1 N m, 0 s to 0.4 s",
+        "torque peak, roll ≤ 0.1 N m, 0 s to 0.4 s",
+        "peak ≥ 0 ≤ 1 deg",
     ]
     assert [light["value"] for light in shown] == [0.5, 0.5, 0.0]
 
@@ -58,4 +58,19 @@ def test_light_says_what_is_required(scenario):
 def test_used_envelope_is_shown_in_percent(scenario):
     required = (Requirement(metric=Metric.RHO, at_most=1.0),)
     (shown,) = requirement_status(flown(250), replace(scenario, require=required), VEHICLE, over=True)
-    assert shown == {"text": "envelope used ≤ 100 %, whole flight", "value": 0.0, "held": True}
+    assert shown == {"text": "envelope used ≤ 100 %", "value": 0.0, "held": True}
+
+
+@pytest.mark.parametrize(
+    ("required", "text"),
+    [
+        (
+            {"metric": Metric.RECOVERY, "axis": "roll", "within_deg": 0.3, "from_s": 0.2},
+            "roll back within 0.3 deg ≤ 1.5 s, 0.2 s to end",
+        ),
+        ({"metric": Metric.SATURATED, "at_most": 0.0}, "torque never saturated"),
+    ],
+)
+def test_light_says_so_in_words(scenario, required, text):
+    wanted = replace(scenario, require=(Requirement(**{"at_most": 1.5, **required}),))
+    assert requirement_status(flown(100), wanted, VEHICLE, over=False)[0]["text"] == text

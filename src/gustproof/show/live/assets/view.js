@@ -27,7 +27,7 @@ const CHARTS = [
   { title: "rates [deg/s]", series: "rates", names: ["p", "q", "r"], least: 2 },
   { title: "commanded torque [N·m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05 },
   { title: "wind velocity at the vehicle [m/s]", series: "wind", names: ["north", "east", "down"], least: 0.5 },
-  { title: "command age [ms]", series: "age", names: ["from its timestamp"], least: 8, positive: true },
+  { title: "delay from gyro to torque [ms]", series: "age", names: ["of the torque in effect"], least: 8, positive: true },
 ].map((chart) => {
   const figure = byId("charts").appendChild(document.createElement("figure"));
   const caption = figure.appendChild(document.createElement("figcaption"));
@@ -327,7 +327,6 @@ function draw(milliseconds) {
   if (chart.stale) {
     chart.stale = false;
     drawStrip(chart, ...span());
-    tellValues(chart, ...span());
   }
   if (shown.updates && shown.frames > CHARTS.length) settle();
   if (now - counters.numbersAt > 0.1) {
@@ -339,8 +338,10 @@ function draw(milliseconds) {
 
 const signed = (value, digits) => (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
 
+// All numbers are of one time, so that legend and horizon agree.
 function showNumbers() {
   const rows = main();
+  for (const chart of CHARTS) tellValues(chart, ...span());
   if (rows.attitude.length) {
     const [phi, theta, psi] = euler(shown.q).map((angle) => signed(angle * DEGREES, 2));
     byId("angles").textContent = `roll ${phi}°  pitch ${theta}°  yaw ${psi}°${factor() === 1 ? "" : `, drawn ${factor()} times`}`;
@@ -388,7 +389,7 @@ function showFacts() {
   byId("mode").textContent = facts.mode ? `${facts.mode}${facts.armed ? ", armed" : ""}` : "–";
   byId("law").textContent = `${facts.law} on vehicle ${facts.vehicle}`;
   byId("link").textContent = link
-    ? `${link.rate} messages/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms round trip`}`
+    ? `${link.rate} ${link.rate === 1 ? "message" : "messages"}/s, ${link.lost} lost, ${link.bad} damaged${link.round_trip_ms === null ? "" : `, ${link.round_trip_ms.toFixed(1)} ms round trip`}`
     : "–";
   byId("lights").replaceChildren(
     ...facts.lights.map(({ text, value, held }) =>

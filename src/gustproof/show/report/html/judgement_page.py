@@ -119,13 +119,13 @@ def _describe_gust(found: Judgement) -> tuple[str, str]:
 
 
 _TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
-    "Predicted error <small>deg; beside: least</small>": lambda found: (
+    "Predicted error <small>deg; beside: least possible</small>": lambda found: (
         _number(found.rmse_deg),
         _number(found.least_rmse_deg),
     ),
     "Torque slew <small>N m/s</small>": lambda found: (_number(found.slew), ""),
     "Ms <small>beside: over the spreads</small>": _describe_peak,
-    "Worst gust found <small>deg; beside: proof</small>": _describe_gust,
+    "Largest angle in the worst gust found <small>deg; beside: proved bound</small>": _describe_gust,
 }
 """Heading as HTML, value and remark of each tile."""
 
