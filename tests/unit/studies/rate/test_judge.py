@@ -77,6 +77,11 @@ def tuned(judge):
     return judge("tuned", autopilot_law("px4", TUNED, PAPER.nominal).law)
 
 
+def judge_fragile(judge, case):
+    parameters, vehicles = FRAGILE[case]
+    return judge(case, autopilot_law("px4", parameters, vehicles.nominal).law, vehicles)
+
+
 @pytest.mark.slow
 def test_a_sound_law_has_a_proof_and_a_worst_gust():
     found = judge_law(load_law("flagship"), PAPER, replace(AIR, duration_s=10.0))
@@ -116,11 +121,10 @@ def test_predicted_error_is_that_of_real_flights(judge, kind, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", list(FRAGILE))
 def test_gains_made_fragile_are_called_so_and_fail_where_sound_ones_fly(judge, tuned, case):
-    parameters, vehicles = FRAGILE[case]
-    found = judge(case, autopilot_law("px4", parameters, vehicles.nominal).law, vehicles)
+    found = judge_fragile(judge, case)
     assert found.verdict is not Verdict.SOUND
     failure = found.failure
-    sound = tuned.law if case != "slow motors" else improve(found, vehicles).law
+    sound = tuned.law if case != "slow motors" else improve(found, FRAGILE[case][1]).law
     others = measure(
         fly_direct(failure.scenario, sound, vehicle=failure.vehicle), failure.vehicle, failure.scenario, 0.0
     )
@@ -134,7 +138,7 @@ def test_gains_made_fragile_are_called_so_and_fail_where_sound_ones_fly(judge, t
 
 
 def test_each_reason_names_what_is_beyond_its_threshold(judge):
-    reasons = judge("D filter far too low", None).reasons
+    reasons = judge_fragile(judge, "D filter far too low").reasons
     assert any(reason.startswith("yaw: Ms 5.57, above 2") for reason in reasons)
     assert any("over the spreads, above 2.5" in reason for reason in reasons)
     assert any(reason.endswith("a sample and 5 ms is 9 ms") for reason in reasons)
@@ -207,7 +211,7 @@ def test_the_budget_is_three_deviations_of_the_moment_flown():
 
 @pytest.mark.slow
 def test_better_gains_keep_the_price_are_sound_and_no_better_than_themselves(judge, monkeypatch):
-    found = judge("D filter far too low", None)
+    found = judge_fragile(judge, "D filter far too low")
     better = improve(found, PAPER)
     again = judge("better", better.law)
     monkeypatch.setattr(judging, "tune_gains", lambda *_, **__: better)
