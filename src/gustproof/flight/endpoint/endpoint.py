@@ -467,7 +467,8 @@ class ControllerEndpoint:
 
         Where time runs, a pilot has left the attitude to the law, and ArduPilot tells what its own navigation wants.
         """
-        if self._controller is not None and not self._time_runs:
+        is_asked = math.isfinite(message.nav_roll + message.nav_pitch) and not self._time_runs
+        if is_asked and self._controller is not None:
             self._controller.tilt = math.radians(message.nav_roll), math.radians(message.nav_pitch)
 
     def _on_text(self, message: Message) -> None:

@@ -167,4 +167,5 @@ def describe_scenario(scenario: Scenario) -> str:
     """Return the duration and the contents of a scenario in one line."""
     counts = [f"{len(getattr(scenario, part))} [[{part}]]" for part in _PARTS if getattr(scenario, part)]
     where = "in free flight" if scenario.free else "on the test stand"
+    where += ", its position held" if scenario.holds_place else ""
     return f"{scenario.name}: sound; {', '.join([f'{scenario.duration_s:g} s {where}', *counts])}"

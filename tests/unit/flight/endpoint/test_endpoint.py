@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import EncodedMessage, RejectReason, parse
-from firmware_model.mavlink.messages import heartbeat_message, imu_message, imu_template, torque_template
+from firmware_model.mavlink.messages import heartbeat_message, imu_message, imu_template, tilt_message, torque_template
 from firmware_model.mavlink.signing import Signing
 from firmware_model.mavlink.wire import NO_SOCKET, make_line
 from firmware_model.process import udp
@@ -145,6 +145,25 @@ def test_every_sample_is_answered_with_its_stamp(autopilot):
         4000,
         8000,
     ]
+
+
+def test_the_tilt_that_a_position_loop_asks_for_is_tracked_and_no_other():
+    def answer(*tilts_deg: float, time_runs: bool = False) -> list[float]:
+        autopilot = Autopilot("flagship")
+        autopilot.reach(Phase.FLYING)
+        autopilot.endpoint._time_runs = time_runs
+        autopilot.hear()
+        for tilt in tilts_deg:
+            autopilot.say(tilt_message((tilt, -2.0)))
+        autopilot.say(imu(4000), imu(8000))
+        *_, last = (message.controls[:2] for message in autopilot.hear() if message.get_type().startswith("SET_ACT"))
+        return list(last)
+
+    level, asked = answer(), answer(3.0)
+    assert asked[0] > level[0]
+    assert asked[1] < level[1]
+    assert answer(3.0, math.nan) == asked
+    assert answer(3.0, time_runs=True) == level  # a pilot's vehicle: ArduPilot tells what its own navigation wants
 
 
 @pytest.mark.parametrize("law", ["flagship", "hinf-rates"])

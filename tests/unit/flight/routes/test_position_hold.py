@@ -20,6 +20,7 @@ from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.routes.external import check_external
 from gustproof.flight.routes.flight import check
 from gustproof.law.form import Law, load_law
+from gustproof.show.report.catalogue import describe_scenario
 
 PAPER, IRIS, AIR = load_vehicle("paper"), load_vehicle("iris"), load_scenario("paper-turbulence")
 HERE = np.array((0.0, 0.0, -10.0))
@@ -107,5 +108,6 @@ def test_what_can_t_follow_is_refused_by_name_on_every_route() -> None:
     with pytest.raises(ConfigError, match=told):
         check(scenario, law, PAPER)
     check(scenario, load_law("flagship"), PAPER)
+    assert "1 s in free flight, its position held" in describe_scenario(scenario)
     with pytest.raises(ConfigError, match="flies the position loop of our own autopilot"):
         check_external(scenario, "px4")
