@@ -157,6 +157,7 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         )
         if journal:
             endpoint.flush = journal.flush
+        served = _open_tlog(stack, options, endpoint)
         call_on_interrupt(endpoint.interrupt)
         # Load or compile the machine code before a peer waits for it.
         _tell_compiling(silent=options.json or not interactive)
@@ -169,7 +170,7 @@ def _fly(options: VehicleOptions, scenario: Scenario, vehicle: Vehicle, *, inter
         if options.exit_on_stdin_eof:
             exit_on_stdin_eof(endpoint.interrupt)
         fifo = not options.lockstep and realtime.request_fifo_scheduling()
-        _serve(_open_tlog(stack, options, endpoint), sockets, lockstep=options.lockstep)
+        _serve(served, sockets, lockstep=options.lockstep)
     facts = summarize(endpoint, None if interactive else scenario.samples, fifo=fifo)
     _print_facts(options, facts, status_line.format_summary(facts))
     return _EXIT_STATUS.get(endpoint.outcome, _EXIT_FAILED)
