@@ -207,6 +207,18 @@ def _refuse_other_kind(kind: str, document: Mapping[str, Any], path: Path) -> No
             raise ConfigError(f"{path}: is {what}")
 
 
+def refuse_toml(path: Path) -> None:
+    """Refuse a file of ours that stands where none of its form belongs: say what it is, and where it is taken.
+
+    Raises
+    ------
+    ConfigError
+        If it is a vehicle, scenario or design file, or any other file that ends in .toml and can't be read.
+    """
+    if path.suffix == ".toml" and path.exists():
+        _refuse_other_kind("", read_document(path), path)
+
+
 def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str = ".toml") -> Path:
     """Return the path of a file, or of the one of that name shipped in `folder`; `kind` names it in errors.
 
@@ -219,6 +231,7 @@ def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str 
     if path.suffix == suffix:
         return path
     if path.exists() and path.suffix != suffix and ("/" in str(name_or_path) or path.suffix):
+        refuse_toml(path)
         hint = _HINTS.get((kind, path.suffix.lower()), _SUFFIXES.get(path.suffix.lower(), ""))
         raise ConfigError(f"{path}: is no {kind}, which is a {suffix} file or a name{hint and f'; {hint}'}")
     if str(name_or_path) not in (shipped := list_shipped(folder, suffix)):

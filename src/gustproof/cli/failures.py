@@ -64,6 +64,10 @@ def _with_given(error: typer.BadParameter) -> str:
     return message + "".join(f" (given '{text}')" for text in inputs if f"'{text}'" not in message)
 
 
+_FORMATS = {"--ulog": "flight.ulg", "--junit": "junit.xml", "--csv": "table.csv", "--latex": "table.tex"}
+"""Files that other programs have an option for; here the suffix says what is written."""
+
+
 def _modes(context: Any) -> list[str]:
     """Return the subcommands of the command that a usage error is about; those of `gustproof` itself are too many."""
     return list(getattr(context.command, "commands", ())) if context is not None and context.parent else []
@@ -72,6 +76,8 @@ def _modes(context: Any) -> list[str]:
 def _with_nearest(message: str, modes: list[str]) -> str:
     """Return the text of a usage error; of a wrong subcommand or choice, with the right ones."""
     message = message.replace("Value error, ", "")
+    if (option := re.match(r"No such option: (--\w+)", message)) and option[1] in _FORMATS:
+        return f"No such option: {option[1]}; the suffix of a file says what is written: -o {_FORMATS[option[1]]}"
     if modes and (unknown := re.match(r"No such command '([^']*)'", message)):
         return none_of(unknown[1], modes)
     found = re.search(r"'([^']*)' is not one of (.*?)\.?$", message)

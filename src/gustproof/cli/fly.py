@@ -78,13 +78,14 @@ def fly(
             help="New folder of the recording [default: in runs/], JUnit (.xml), ULog (.ulg); repeat it.",
         ),
     ] = None,
+    ulog: Annotated[bool, typer.Option("--ulog", hidden=True, help="As -o SCENARIO.ulg.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly one scenario with autopilot and controller as two processes that speak MAVLink over UDP.
+    """Simulate one flight in gusts, and print how well the law held attitude.
 
-    Write a rosbag2 bag (MCAP) and the traffic (.tlog) to the output folder, and print the flight's figures. A
-    controller of your own flies in a process of its own, see `gustproof guide controllers`. With --autopilot a real
-    autopilot is started, armed and flown; --law then names a law built into it.
+    Autopilot and controller are two processes that speak MAVLink over UDP. Write a rosbag2 bag (MCAP) and the traffic
+    (.tlog) to a folder. A controller of your own flies in a process of its own, see `gustproof guide controllers`. With
+    --autopilot a real autopilot is started, armed and flown; --law then names a law built into it.
 
         gustproof fly paper-turbulence --law my-law.json --seed 7 -o run1 -o junit.xml
         gustproof fly gust-roll --law pid-fair --law flagship --view
@@ -94,7 +95,8 @@ def fly(
     """
     from firmware_model.config.vehicle import load_vehicle
 
-    folder, files = _split_outputs(output or [], view=view)
+    written = [*(output or []), *([Path(f"{Path(scenario).stem}.ulg")] if ulog else [])]
+    folder, files = _split_outputs(written, view=view)
     laws: list[str | None] = [*law] if law else [None]
     _refuse_several(laws, allowed=view and not (as_json or autopilot))
     chosen = choose_autopilot(context, autopilot, build, params, laws[0], instance)

@@ -1,10 +1,38 @@
 """Standard streams as they come: closed, full, or in an encoding without our signs."""
 
+import codecs
 import errno
 import io
 import os
 import sys
 from contextlib import suppress
+
+_SPELT = {
+    "≤": "<=",
+    "≥": ">=",
+    "°": " deg",
+    "×": "x",
+    "·": "*",
+    "µ": "u",
+    "±": "+-",
+    "∞": "inf",
+    "√": "sqrt",
+    "–": "-",
+    "−": "-",
+    "…": "...",
+}
+"""Signs that an encoding may lack, and how they are spelt."""
+
+
+def _spell(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(_SPELT.get(sign, "?") for sign in error.object[error.start : error.end]), error.end
+
+
+SPELT = "spelt"
+"""Handler of signs that an encoding lacks."""
+codecs.register_error(SPELT, _spell)
 
 
 class _Tolerant(io.TextIOWrapper):
@@ -30,7 +58,7 @@ def prepare() -> None:
             stream = io.TextIOWrapper(open(number, "r+b" if number else "rb", buffering=0), write_through=True)  # noqa: PTH123, SIM115
             setattr(sys, name, stream)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+        sys.stdout.reconfigure(errors=SPELT)
     if isinstance(sys.stderr, io.TextIOWrapper):
         encoding = sys.stderr.encoding
         sys.stderr = _Tolerant(sys.stderr.detach(), encoding, "backslashreplace", line_buffering=True)

@@ -190,6 +190,7 @@ def test_an_event_that_the_vehicle_can_not_have_is_one_line(event, words, tmp_pa
         (("tune", "paper", "--slew", "20 N m/s"), "(given '20 N m/s')"),
         (("tune", "paper", "--slew", "20,5"), "(given '20,5')"),
         (("campaign", "fly", "calm", "--runs", "1e3"), "(given '1e3')"),
+        (("fly", "calm", "--junit", "a.xml"), "says what is written: -o junit.xml"),
     ],
 )
 def test_a_text_that_is_no_number_is_shown(words, given):

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from firmware_model.process.interrupts import call_on_interrupt
-from gustproof.cli import signals
+from gustproof.cli import signals, streams
 
 
 def run(shell: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -39,6 +39,7 @@ def test_signs_that_the_terminal_lacks_are_replaced(encoding):
     done = run("gustproof scenario list", PYTHONIOENCODING=encoding)
     assert (done.returncode, done.stderr) == (0, "")
     assert "gust-roll" in done.stdout
+    assert "≤ 1.5, 2 ≥ 1 ☃".encode(encoding, streams.SPELT) == b"<= 1.5, 2 >= 1 ?"
 
 
 def test_a_file_never_takes_the_place_of_a_closed_stream(tmp_path):

@@ -68,7 +68,7 @@ def fly(
     autopilot: AutopilotName = None,
     build: Build = "",
     params: Params = "",
-    runs: Annotated[int, typer.Option(callback=in_range(1), help="Flights of each law.")] = 1000,
+    runs: Annotated[int, typer.Option(callback=in_range(1, 10**8), help="Flights of each law.")] = 1000,
     workers: Workers = None,
     spread: SpreadKinds = None,
     sampling: SamplingMethod = "uniform",

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from firmware_model.config.files import refuse_toml
 from firmware_model.config.firmware import is_measured
 from firmware_model.config.parameter_files import SUFFIXES, read_parameters
 from firmware_model.config.scenario import sample_time
@@ -128,6 +129,7 @@ def read_autopilot_law(
         If there is no such file, it is not of one of these autopilots, or see `autopilot_law`.
     """
     if path.suffix not in SUFFIXES:
+        refuse_toml(path)
         raise ConfigError(f"{path}: a parameter file ends in {', '.join(SUFFIXES)}")
     found: list[str] = []
     parameters = {name: float(value) for name, value in read_parameters(str(path), "", found).items()}

@@ -106,10 +106,16 @@ def test_an_unknown_name_has_the_nearest_known_one_and_a_missing_file_is_said(tm
         load_vehicle(tmp_path / "none.toml")
 
 
+def find_law(path: Path) -> Path:
+    return shipped_path("law", path, path.parent, ".json")
+
+
 @pytest.mark.parametrize(
     ("load", "content", "told"),
     [
         (load_scenario, "inertia_B = [1, 1, 1]\nmass = 1.0", "is a vehicle file: give it as --vehicle"),
+        (find_law, "inertia_B = [1, 1, 1]\nmass = 1.0", "is a vehicle file: give it as --vehicle"),
+        (find_law, "duration_s = 1.0", "is a scenario file: give it as the scenario, --scenario or --air"),
         (load_scenario, "W_e = 1", "is a design file: it is for gustproof design"),
         (load_vehicle, "duration_s = 1.0", "is a scenario file: give it as the scenario, --scenario or --air"),
         (load_vehicle, "W_e = 1", "is a design file: it is for gustproof design"),

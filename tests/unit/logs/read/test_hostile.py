@@ -115,6 +115,7 @@ def own_bag(folder: Path) -> bytes:
         ("a.bin", b"GIF89a", "no flight log that is known; known are ULog"),
         ("a.tlog", b"GIF89a", "no heartbeat of an autopilot in it"),
         ("a.pdf", b"%PDF-1.7", "no flight log that is known"),
+        ("a.toml", b"duration_s = 1.0", "is a scenario file: give it as the scenario"),
         ("a.ulg", b"ULog\x01\x12\x35\x01", "no gyro in it"),
         ("a.bin", b"\xa3\x95\x80", "no gyro in it"),
         ("log00", b"\xbc", "its checksum is wrong"),
