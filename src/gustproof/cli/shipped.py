@@ -25,8 +25,8 @@ class WithDefault(TyperGroup):
         alone = ctx.resilient_parsing or self.no_args_is_help
         if args[0] in (*self.commands, "--help", "-h") if args else alone:
             return super().parse_args(ctx, args)
-        another = len(args) > 1 and not args[1].startswith("-") and "." not in args[0]
-        if another and did_you_mean(args[0], self.commands):
+        another = len(args) > 1 and not (args[0].startswith("-") or args[1].startswith("-"))
+        if another and "." not in args[0] and did_you_mean(args[0], self.commands):
             ctx.fail(none_of(args[0], list(self.commands)))  # a mistyped name, with the argument of that command
         return super().parse_args(ctx, [self.find_meant(args), *args])
 

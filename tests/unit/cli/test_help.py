@@ -127,13 +127,15 @@ def test_a_word_of_other_programs_or_of_before_is_told_what_is_meant(word: str, 
         ("certify hinf-d2 --angle-rad 0.1", "gain"),
         ("certify box.json --law flagship", "check"),
         ("campaign gust-roll --runs 40", "fly"),
-        ("campaign gust-roll --run 3", "fly"),
+        ("autopilot stand --instance 3", "stand"),
     ],
 )
 def test_a_mode_that_is_not_named_is_found_by_the_options(given: str, meant: str) -> None:
     group, *words = given.split()
     found: Any = typer.main.get_command(app)
     assert found.commands[group].find_meant(words) == meant
+    options_first = CliRunner().invoke(app, [group, *words[1:], "--nosuch"])
+    assert "No such option: --nosuch" in options_first.output
     mistyped = CliRunner().invoke(app, [group, f"{meant}x", *words])
     assert f"'{meant}x' is none of " in mistyped.output
     assert f"did you mean '{meant}'?" in " ".join(mistyped.output.replace("│", " ").split())

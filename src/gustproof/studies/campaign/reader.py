@@ -1,5 +1,6 @@
 """Read a campaign's file: its description and its rows."""
 
+from os import SEEK_END
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from gustproof.studies.campaign.plan import Campaign, parse_campaign
 from gustproof.studies.campaign.store import METADATA_KEY
 from gustproof.types import Array
 
+_MAGIC = b"PAR1"  # at both ends of a Parquet file
 _VALUE = 64  # [bytes] largest mean size of a value; a number takes 8
 
 
@@ -25,11 +27,18 @@ def read_campaign_metadata(path: Path) -> dict[str, Any]:
         If the file is no campaign's table.
     """
     try:
-        open_regular(path).close()
+        with open_regular(path) as file:
+            begin = file.read(4)
+            file.seek(-len(begin), SEEK_END)
+            end = file.read(4)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
+    if not begin:
+        raise ConfigError(f"{path}: is empty")
+    if begin == _MAGIC != end:
+        raise ConfigError(f"{path}: no table of a campaign, or one that is cut short")
     try:
         about = pq.read_metadata(path)
         metadata: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])

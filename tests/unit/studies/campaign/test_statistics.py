@@ -194,8 +194,14 @@ def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
     path = tmp_path / "mc.parquet"
     with pytest.raises(ConfigError, match="no such file"):
         read_campaign_metadata(path)
+    path.write_bytes(b"")
+    with pytest.raises(ConfigError, match="is empty"):
+        read_campaign_metadata(path)
+    path.write_bytes(b"no PAR1 at all")
+    with pytest.raises(ConfigError, match="no table of a campaign$"):
+        read_campaign_metadata(path)
     path.write_bytes(b"PAR1 not at all")
-    with pytest.raises(ConfigError, match="no table of a campaign"):
+    with pytest.raises(ConfigError, match="no table of a campaign, or one that is cut short"):
         read_campaign_metadata(path)
     pq.write_table(pa.table({"run": [1]}), path)
     with pytest.raises(ConfigError, match="no table of a campaign"):
