@@ -198,7 +198,7 @@ def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
     with pytest.raises(ConfigError, match="is empty"):
         read_campaign_metadata(path)
     path.write_bytes(b"no PAR1 at all")
-    with pytest.raises(ConfigError, match="no table of a campaign$"):
+    with pytest.raises(ConfigError, match=r"no table of a campaign$"):
         read_campaign_metadata(path)
     path.write_bytes(b"PAR1 not at all")
     with pytest.raises(ConfigError, match="no table of a campaign, or one that is cut short"):
