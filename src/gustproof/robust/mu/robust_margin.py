@@ -28,7 +28,8 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
 
     The system is stable for all deviations from nominal of the lower bound times those of the ranges. The worst values
     deviate by the upper bound: with them a pole is on the boundary, at `omega`. A margin above 1 covers the ranges.
-    Inputs and outputs do not matter. Parameters are constant in time.
+    Where a nominal value is not the middle of its range, its deviation is counted as in `RealBlock`, by the rational
+    form of MATLAB. Inputs and outputs do not matter. Parameters are constant in time.
 
     Parameters
     ----------

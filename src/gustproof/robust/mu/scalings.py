@@ -195,7 +195,10 @@ def _search(
     # no gain is below the one at Delta = 0, but mu may be 0
     floor = enough if gain else max(accuracy * float(np.linalg.norm(M, 2)), enough)
     while floor < level < np.inf:
-        found = _improve(basis, best, M, level, accuracy, enough)
+        try:
+            found = _improve(basis, best, M, level, accuracy, enough)
+        except np.linalg.LinAlgError:
+            break  # rounding dominates: the bound is that of the scalings before
         reached = found.level(M)
         if not reached < level:
             break

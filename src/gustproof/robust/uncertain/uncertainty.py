@@ -78,7 +78,8 @@ class RealBlock:
         """Return the parameter at the normalised `delta`, (...)."""
         b, c = self.coefficients
         factor = np.asarray(delta, dtype=np.float64)
-        return np.asarray(self.nominal + b * factor / (1.0 + c * factor))
+        with np.errstate(divide="ignore"):  # far beyond a range on one side the value passes infinity
+            return np.asarray(self.nominal + b * factor / (1.0 + c * factor))
 
     def delta(self, value: ArrayLike) -> Matrix:
         """Return the normalised value of the parameter's `value`, (...)."""

@@ -290,3 +290,10 @@ def test_the_worst_disk_margin_has_its_member():
     worst = diskmargin(5.0 * CUBIC).output
     assert found.worst["k"] == pytest.approx(5.0, rel=0.05)
     assert found.lower <= worst.upper <= 1.06 * found.lower
+
+
+def test_a_value_beyond_infinity_is_told_without_a_warning(recwarn):
+    # a range off the middle is a rational function of delta, as in MATLAB: the edge 3 is an infinite lag
+    lag = ureal("lag", 1.0, range=(0.75, 1.5))
+    assert robstab(feedback((1 / lag) * tf(1, [1, 0]))).worst["lag"] == math.inf
+    assert not recwarn
