@@ -20,6 +20,10 @@ PERFORMANCE = "performance"
 """Name of the full block that closes inputs and outputs of a system."""
 _BANDS = 400
 """Most bands; if they do not suffice, nothing is proved and the upper bound is infinite."""
+_PATIENCE = 40
+"""Bands of best scalings after which modest ones are tried too where mu is far below the level."""
+_FAR_BELOW = 0.7
+"""[-] share of the level below which mu is far below it."""
 _MIN_GAP = 1e-4
 """[-] relative width of a gap below which mu is assumed to jump inside."""
 _ROUNDING = 1e-6
@@ -87,7 +91,7 @@ def _sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: floa
         z, w = columns(blocks)[-1].start, rows(blocks)[-1].start
         peak = hinf_norm(M.subsystem(slice(z, None), slice(w, None)))
     gaps, level, met = [(0.0, math.inf)], 1e-3 * accuracy * peak.gain, list[tuple[float, float]]()
-    for _ in range(_BANDS):
+    for count in range(_BANDS):
         omega = pending.pop(0) if pending else _pick_frequency(gaps[0], slow, fast)
         response = M.response(omega)[0]
         # find the best scalings, beyond the level: scalings that only just reach it hold on a narrow band
@@ -103,10 +107,25 @@ def _sweep(M: Lti, blocks: tuple[DeltaBlock, ...], *, gain: bool, accuracy: floa
         if not math.isfinite(reached):
             return math.inf, _largest_frequencies(met)
         level = max(level, (1.0 + 0.5 * accuracy) * reached)
-        gaps = _subtract_band(gaps, scalings.band(M, level / (1.0 + _ROUNDING), omega))
+        band = scalings.band(M, level / (1.0 + _ROUNDING), omega)
+        if count >= _PATIENCE and reached < _FAR_BELOW * level:
+            band = max(
+                [band, *_bands_of_modest_scalings(M, blocks, level, omega, gain)], key=lambda each: each[1] - each[0]
+            )
+        gaps = _subtract_band(gaps, band)
         if not gaps:
             return level, _largest_frequencies(met)
     return math.inf, _largest_frequencies(met)
+
+
+def _bands_of_modest_scalings(
+    M: Lti, blocks: tuple[DeltaBlock, ...], level: float, omega: float, gain: bool
+) -> list[tuple[float, float]]:
+    """Return bands of scalings that just reach a level: the best ones hold on narrow bands where mu is near 0."""
+    response = M.response(omega)[0]
+    modest = best_scalings(response, blocks, gain=gain, accuracy=0.1, real=False)
+    midway = best_scalings(response, blocks, gain=gain, accuracy=0.1, enough=_FAR_BELOW * level)
+    return [each.band(M, level / (1.0 + _ROUNDING), omega) for each in (modest, midway)]
 
 
 def add_performance_block(system: Uncertain) -> tuple[DeltaBlock, ...]:

@@ -26,7 +26,7 @@ from gustproof.robust import (
 from gustproof.robust.lti.margins import margins
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.mu.singular_value import disk_margin_bounds
-from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertain_system import Uncertain, system_from_matrix
 
 CUBIC = tf(1, [1, 3, 3, 1])
 FAST = {"accuracy": 0.01, "boxes": 1}
@@ -290,6 +290,22 @@ def test_the_worst_disk_margin_has_its_member():
     worst = diskmargin(5.0 * CUBIC).output
     assert found.worst["k"] == pytest.approx(5.0, rel=0.05)
     assert found.lower <= worst.upper <= 1.06 * found.lower
+
+
+@pytest.mark.slow
+def test_a_margin_next_to_a_cliff_of_mu_is_bounded():
+    # blog.csdn.net/m0_74071263/article/details/127940597: stabmarg.LowerBound 0.2722; mu is 0 next to its peak of 3.67
+    q1, q2, unit = ureal("q1", 1.4, range=(0.3, 2.5)), ureal("q2", 0.85, range=(0.0, 1.7)), np.eye(4)
+    slow, fast = 6 * q1 + 6 * q2 + 2 * q1 * q2, q1 + q2
+    last = -slow * unit[:1] - fast * unit[1:2] - fast * unit[2:3] + unit[3:]
+    known = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0], [1.01, 3, 1, 0.0]])
+    plant = system_from_matrix(unit[:, 2:3] * last + known, 3)
+    found = robstab(feedback(plant), accuracy=0.03, boxes=4)
+    assert 0.26 < found.lower <= 0.2728
+    assert found.upper == pytest.approx(0.2727, abs=1e-4)
+    edge = [found.worst[name] for name in ("q1", "q2")]
+    a, p = sum(edge), math.prod(edge)
+    assert (a + 1) * (a + 3) == pytest.approx(6 * a + 2 * p + 1.01, rel=1e-4)  # Routh
 
 
 def test_a_value_beyond_infinity_is_told_without_a_warning(recwarn):
