@@ -71,4 +71,4 @@ def _outer_loop(gains: PositionLoop, dt: float) -> Lti:
     """Return tilt to minus the tilt that the position loop asks for: gravity, twice integrated, then P and PI."""
     p, i = gains.xy_velocity_p, gains.xy_velocity_i
     A = [[1.0, 0.0, 0.0], [dt, 1.0, 0.0], [dt * i, dt * i * gains.xy_p, 1.0]]
-    return Lti(A=A, B=[[dt], [0.0], [0.0]], C=[[p, p * gains.xy_p, 1.0]], D=[[0.0]], dt=dt)  # type: ignore[arg-type]
+    return Lti(A=A, B=[[dt], [0.0], [0.0]], C=[[p, p * gains.xy_p, 1.0]], D=[[0.0]], dt=dt)

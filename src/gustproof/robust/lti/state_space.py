@@ -83,6 +83,10 @@ class Lti(Shown):
     dt: float = 0.0
     """[s] sample time; 0 for continuous time."""
 
+    if TYPE_CHECKING:  # lists are taken, arrays are kept
+
+        def __init__(self, *, A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike, dt: float = 0.0) -> None: ...
+
     def __post_init__(self) -> None:
         """Check shapes and values, and set the arrays read-only."""
         for name in "ABCD":
