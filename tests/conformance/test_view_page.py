@@ -246,6 +246,7 @@ def test_lockstep_flight_is_started_paused_and_shown_and_is_the_same_to_the_bit(
         assert browser.run("gustproof.shown.frames") > 0
         fly_another_law(browser, flight)
         browser.look_at(flight.page.address, "live", tmp_path, axe)
+        assert browser.run("laws.selectedOptions[0].textContent") == "pid-fair"  # in another window, too
         browser.open(f"{flight.page.address}report")
         assert browser.run("document.title") == "pid-fair"
         assert_clean(browser, flight.page)

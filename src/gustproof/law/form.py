@@ -416,8 +416,10 @@ def find_vehicle(controller: Any, vehicle: Vehicle | None) -> Vehicle:
     Raises
     ------
     ValueError
-        If none is given, and the controller is no law of a shipped one.
+        If none is given, and the controller is no law of a shipped one; or if it is a name.
     """
+    if isinstance(controller, str):
+        raise ValueError(f"'{controller}' is a name: a flight takes a law, such as load_law('{controller}')")
     if vehicle is not None:
         return vehicle
     own = controller.provenance.shipped_vehicle if isinstance(controller, Law) else None

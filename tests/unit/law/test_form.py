@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.law.form import Law, LawFileError, Provenance, doubt_vehicle, load_law, parse_law
+from gustproof.law.form import Law, LawFileError, Provenance, doubt_vehicle, find_vehicle, load_law, parse_law
 from gustproof.law.write.matrices import read_law, save_mat
 
 Maker = Callable[..., Law]
@@ -189,3 +189,8 @@ def test_a_law_of_an_own_vehicle_is_for_its_numbers_whatever_the_name(tmp_path: 
             assert doubt_vehicle(read, replace(own, name=name)) == ""
             assert doubt_vehicle(read, replace(paper, name=name)) != ""
     assert "vehicle_digest" not in replace(pid, provenance=Provenance.of(paper, "by hand", {})).to_dict()["provenance"]
+
+
+def test_a_name_in_place_of_a_law_is_told():
+    with pytest.raises(ValueError, match=r"'flagship' is a name: a flight takes a law, such as load_law\('flagship'\)"):
+        find_vehicle("flagship", None)

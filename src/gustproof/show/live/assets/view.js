@@ -371,10 +371,11 @@ function showFacts() {
   byId("start").textContent = over ? "Fly again" : "Start";
   byId("choice").hidden = facts.laws.length < 2;
   byId("laws").disabled = !mayStart;
-  if (byId("laws").options.length !== facts.laws.length) {
+  const first = byId("laws").options.length !== facts.laws.length;
+  if (first) {
     byId("laws").replaceChildren(...facts.laws.map((name, i) => new Option(name, i)));
   }
-  if (ready || !byId("laws").value) byId("laws").value = String(facts.laws.indexOf(facts.law)); // another window may choose
+  if (ready || first) byId("laws").value = String(facts.laws.indexOf(facts.law)); // another window may choose
   byId("report").hidden = !(over && facts.has_report && facts.goes_on);
   byId("pause").hidden = facts.real_time && !over;
   byId("pause").disabled = !over && phase !== "flying";
