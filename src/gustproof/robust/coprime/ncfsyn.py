@@ -7,7 +7,7 @@ import numpy as np
 
 from gustproof.errors import DesignError
 from gustproof.robust.coprime.factors import coprime_factors
-from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController
+from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names
 from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.norms import Peak, hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, lft, series
@@ -100,7 +100,7 @@ def ncfsyn(
         raise DesignError(f"rounding spoilt the controller at gamma = {gamma:.6g}: its norm is {peak.gain:.6g}")
     controller = robust if behind is None else series(behind, robust)
     controller = controller if before is None else series(controller, before)
-    return ShapedController(
+    found = ShapedController(
         controller=controller,
         gamma=max(gamma, peak.gain),
         norm=peak.gain,
@@ -114,6 +114,7 @@ def ncfsyn(
         shaped=shaped,
         robust=robust,
     )
+    return keep_names(found, G)
 
 
 class NcfMargin(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gustproof.errors import DesignError
+from gustproof.robust.hinf.checked_controller import keep_names
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
@@ -69,7 +70,9 @@ def mixsyn(
             rows = slice(first, first + weight.n_outputs)
             checks.append(f"the norm of {name} {part} is {hinf_norm(loop.subsystem(rows, slice(None))).gain:.6g}")
             first += weight.n_outputs
-    return replace(result, checks=tuple(checks))
+    named = keep_names(result, G)
+    # K reads the error of each output: under the output's own name a diagram would lose the sign
+    return replace(named, checks=tuple(checks), measured=tuple(f"e_{name}" for name in named.measured))
 
 
 def augw(G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None) -> "control.StateSpace":

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gustproof.errors import DesignError
-from gustproof.robust.hinf.checked_controller import CheckedController
+from gustproof.robust.hinf.checked_controller import CheckedController, keep_names
 from gustproof.robust.hinf.conditions import require_sizes
 from gustproof.robust.hinf.hinfsyn import hinfsyn
 from gustproof.robust.lti.bilinear import bilinear_transform, tustin
@@ -169,7 +169,8 @@ def hinfstruct(
     check_sizes(models, structure, n_meas, n_con, starts)
     target = NORM if soft_goal is None else soft_goal
     problem = Problem(models=models, structure=structure, target=target, hard_goals=tuple(hard_goals))
-    return search_problem(problem, starts=starts, seed=seed, progress=progress)
+    found = search_problem(problem, starts=starts, seed=seed, progress=progress)
+    return keep_names(found, P[0] if isinstance(P, Sequence) else P)
 
 
 def search_problem(

@@ -3,9 +3,10 @@
 import control
 import numpy as np
 import pytest
-from control import tf
+from control import ss, tf
 
 from gustproof.errors import DesignError
+from gustproof.robust import hinfstruct, ncfsyn
 from gustproof.robust.hinf.hinfsyn import hinfsyn
 from gustproof.robust.hinf.mixsyn import augw, mixsyn
 from gustproof.robust.lti.norms import hinf_norm
@@ -83,3 +84,15 @@ def test_the_generalised_plant_has_names_which_its_controller_keeps_and_shows():
     assert len(shown) <= 10
     assert "<caption>HinfResult" in result._repr_html_()
     assert repr(result) == str(result)
+
+
+def test_a_controller_keeps_the_names_of_its_plant():
+    lag = ss(-1.0, 1.0, 1.0, 0.0, inputs="torque", outputs="rate")
+    shaped, mixed = ncfsyn(lag).K, mixsyn(lag, tf([0.6, 10], [1, 0.001]), 1.0).K
+    assert (shaped.input_labels, shaped.output_labels) == (["rate"], ["torque"])
+    # it reads the error: under the name of the output, a diagram would lose its sign
+    assert (mixed.input_labels, mixed.output_labels) == (["e_rate"], ["torque"])
+    D = [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]]
+    plant = ss(1.0, [[1, 0, 1]], [[1], [0], [1]], D, inputs=["d", "n", "u"], outputs=["x", "v", "y"])
+    static = hinfstruct(plant, 1, 1, starts=1).K
+    assert (static.input_labels, static.output_labels) == (["y"], ["u"])
