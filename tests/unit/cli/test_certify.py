@@ -212,7 +212,7 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], wo
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("flagship",), "'flagship' is none of gain, box, air, check"),
+        (("boxes", "flagship"), "'boxes' is none of box, gain, air, check"),
         (("bx", "flagship"), "did you mean 'box'?"),
         (("gain", "D2", "--angle-rad", "0.1"), "Missing option '--rate-rad-s'"),
         (("gain", "D2", *ENVELOPE, "--moment", "1,1,1"), "No such option"),
