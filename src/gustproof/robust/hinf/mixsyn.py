@@ -11,7 +11,7 @@ from gustproof.errors import DesignError
 from gustproof.robust.hinf.checked_controller import keep_names
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series
+from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series, signal_names
 from gustproof.robust.uncertain.uncertain_system import append
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ def mixsyn(
 def augw(G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None) -> "control.StateSpace":
     """Return the generalised plant of `mixsyn`, from (r, u) to (W1 e, W2 u, W3 g, e), with `g = G u` and `e = r - g`.
 
+    Names of G's signals are kept: of an output "rate" come "r_rate" and "e_rate".
+
     Raises
     ------
     ValueError
@@ -96,9 +98,10 @@ def augw(G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None) -> "
     plant = as_lti(G)
     P = _generalised_plant(plant, _weights(plant, W1, W2, W3))
     p, m = plant.n_outputs, plant.n_inputs
-    inputs = [*(f"r[{k}]" for k in range(p)), *(f"control[{k}]" for k in range(m))]
-    outputs = [*(f"z[{k}]" for k in range(P.n_outputs - p)), *(f"e[{k}]" for k in range(p))]
-    return P.to_control(inputs=inputs, outputs=outputs)
+    controls, measured = (names if all(names) else () for names in signal_names(G))
+    r, e = ([f"{kind}_{name}" for name in measured] or [f"{kind}[{k}]" for k in range(p)] for kind in "re")
+    inputs = [*r, *(controls or (f"control[{k}]" for k in range(m)))]
+    return P.to_control(inputs=inputs, outputs=[*(f"z[{k}]" for k in range(P.n_outputs - p)), *e])
 
 
 def _weights(plant: Lti, W1: Weight, W2: Weight, W3: Weight) -> dict[str, Lti]:

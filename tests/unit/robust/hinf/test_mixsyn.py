@@ -92,6 +92,9 @@ def test_a_controller_keeps_the_names_of_its_plant():
     assert (shaped.input_labels, shaped.output_labels) == (["rate"], ["torque"])
     # it reads the error: under the name of the output, a diagram would lose its sign
     assert (mixed.input_labels, mixed.output_labels) == (["e_rate"], ["torque"])
+    P = augw(lag, 1.0, 2.0)
+    assert (P.input_labels, P.output_labels) == (["r_rate", "torque"], ["z[0]", "z[1]", "e_rate"])
+    assert hinfsyn(P, 1, 1, regularize=True).K.input_labels == mixed.input_labels
     D = [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]]
     plant = ss(1.0, [[1, 0, 1]], [[1], [0], [1]], D, inputs=["d", "n", "u"], outputs=["x", "v", "y"])
     static = hinfstruct(plant, 1, 1, starts=1).K
