@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -9,8 +10,11 @@ import scipy
 from gustproof.errors import DesignError
 from gustproof.robust.lti.balancing import balanced_realization
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, signal_names
 from gustproof.robust.shown import Shown
+
+if TYPE_CHECKING:
+    import control
 
 _AXIS = 1e-10
 """[-] distance from the stability boundary, relative to the fastest pole, below which a pole counts as unstable."""
@@ -36,12 +40,12 @@ class ReducedSystem(Shown):
     >>> from control import ss, tf
     >>> from gustproof import balred
     >>> result = balred(ss(tf([1, 11], [1, 11, 10])), 1)
-    >>> f"order {result.system.order}, error {result.error:.4f}, at most {result.bound:.4f}"
+    >>> f"order {result.order}, error {result.error:.4f}, at most {result.bound:.4f}"
     'order 1, error 0.0075, at most 0.0075'
     """
 
-    system: Lti
-    """The system of lower order: states of the stable part, then those kept."""
+    system: "control.StateSpace"
+    """The system of lower order, its signals named as before: states of the stable part, then those kept."""
     hankel: Matrix
     """(k,) Hankel singular values of the stable part, descending."""
     kept: int
@@ -54,7 +58,7 @@ class ReducedSystem(Shown):
     @property
     def order(self) -> int:
         """Number of states left."""
-        return self.system.order
+        return int(self.system.nstates)
 
     def lines(self) -> list[str]:
         """Return its order, the error and the first singular values."""
@@ -121,7 +125,10 @@ def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.T
     scale = float(np.max(hankel, initial=0.0))
     if not error <= bound * (1.0 + _ROUNDING) + _ROUNDING * scale:
         raise DesignError(f"rounding spoilt the reduction: its error is {error:.6g}, above the bound {bound:.6g}")
-    return ReducedSystem(system=_add(reduced, rest), hankel=hankel, kept=rest.order, bound=bound, error=error)
+    inputs, outputs = map(list, signal_names(G))
+    named = inputs and outputs and all(inputs + outputs)
+    small = _add(reduced, rest).to_control(**({"inputs": inputs, "outputs": outputs} if named else {}))
+    return ReducedSystem(system=small, hankel=hankel, kept=rest.order, bound=bound, error=error)
 
 
 def _method(method: Reduction | str) -> Reduction:

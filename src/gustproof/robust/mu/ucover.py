@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, M
 from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors
 from gustproof.robust.uncertain.elements import ultidyn
 from gustproof.robust.uncertain.uncertain_system import Uncertain, append
+
+if TYPE_CHECKING:
+    import control
 
 Form = Literal["additive", "input", "output"]
 """Place of the unknown: see `ucover`."""
@@ -32,9 +35,9 @@ class Cover:
 
     model: Uncertain
     """Uncertain model with one full block "unmodelled", which holds every member of the family."""
-    nominal: Lti
+    nominal: "control.StateSpace"
     """Model at Delta = 0."""
-    weight: Lti
+    weight: "control.StateSpace"
     """Scalar, stable, with a stable inverse; the same on every channel."""
     omega: Matrix
     """(k,) [rad/s] frequencies at which the members were compared with the weight."""
@@ -87,7 +90,7 @@ def ucover(models: Sequence[LinearSystem], nominal: LinearSystem, order: int, *,
     >>> from gustproof import ucover
     >>> family = [ss(-1.0 / lag, 1.0 / lag, 1.0, 0.0) for lag in (0.8, 0.9, 1.1, 1.3)]
     >>> cover = ucover(family, ss(-1.0, 1.0, 1.0, 0.0), 1)
-    >>> f"{abs(cover.weight.response(0.01)[0, 0, 0]):.3f}, {abs(cover.weight.response(100.0)[0, 0, 0]):.3f}"
+    >>> f"{abs(cover.weight(0.01j)):.3f}, {abs(cover.weight(100j)):.3f}"
     '0.003, 0.250'
     """
     members, centre = [as_lti(model) for model in models], as_lti(nominal)
@@ -107,8 +110,8 @@ def ucover(models: Sequence[LinearSystem], nominal: LinearSystem, order: int, *,
     warped = 2.0 / centre.dt * np.arctan(0.5 * centre.dt * fine) if centre.dt else fine
     return Cover(
         model=_uncertain(centre, system, form),
-        nominal=centre,
-        weight=system,
+        nominal=centre.to_control(),
+        weight=system.to_control(),
         omega=np.asarray(warped, dtype=np.float64),
         distance=checked,
         excess=float(np.max(factor * size[close] / checked[close])),

@@ -58,10 +58,11 @@ def test_the_error_is_within_its_bound_and_unstable_states_are_kept(seed, dt, me
         result = balred(G, order, method=method)
         assert (result.kept, result.order) == (unstable, order)
         assert result.error <= result.bound * (1.0 + 1e-9) + 1e-9
-        own = result.system.poles()
+        own = as_lti(result.system).poles()
         assert int(np.sum(np.abs(own) >= 1.0 if dt else own.real >= 0.0)) == unstable
         if not unstable:
-            assert hinf_norm(difference(G, result.system)).gain == pytest.approx(result.error, rel=1e-6, abs=1e-9)
+            off = hinf_norm(difference(G, as_lti(result.system))).gain
+            assert off == pytest.approx(result.error, rel=1e-6, abs=1e-9)
             lower = result.hankel[order] if order < G.order else 0.0
             assert result.error >= lower * (1.0 - 1e-9)  # no system of that order is closer
     similar = Lti(A=G.A.T, B=G.C.T, C=G.B.T, D=G.D.T, dt=dt)
@@ -71,14 +72,21 @@ def test_the_error_is_within_its_bound_and_unstable_states_are_kept(seed, dt, me
 def test_the_full_order_is_the_system_itself_with_unstable_poles():
     G = Lti(A=[[0.0, 1.0, 0.0], [0.0, -3.0, 1.0], [0.0, 0.0, 2.0]], B=np.ones((3, 1)), C=np.eye(3), D=np.zeros((3, 1)))
     omega = [0.1, 1.0, 10.0]
-    np.testing.assert_allclose(balred(G, 3).system.response(omega), G.response(omega), rtol=1e-9)
+    np.testing.assert_allclose(as_lti(balred(G, 3).system).response(omega), G.response(omega), rtol=1e-9)
+
+
+def test_a_reduced_system_is_for_python_control_and_keeps_the_names_of_its_signals():
+    G = control.ss(np.diag([-1.0, -50.0]), [[1.0], [1.0]], [[1.0, 1.0]], 0.0, inputs="torque", outputs="rate")
+    small = balred(G, 1).system
+    assert (small.nstates, small.input_labels, small.output_labels) == (1, ["torque"], ["rate"])
+    assert control.feedback(small, 1.0).dcgain() == pytest.approx(1.02 / 2.02, rel=0.02)
 
 
 def test_matching_keeps_the_gain_at_rest_and_truncation_the_one_at_infinity():
     G = random_system(5, 0.0)
     stable = Lti(A=G.A - 5.0 * np.eye(G.order), B=G.B, C=G.C, D=G.D)
     match, cut = balred(stable, 2, method="match"), balred(stable, 2)
-    np.testing.assert_allclose(match.system.response(0.0), stable.response(0.0), rtol=1e-9)
+    np.testing.assert_allclose(as_lti(match.system).response(0.0), stable.response(0.0), rtol=1e-9)
     np.testing.assert_array_equal(cut.system.D, stable.D)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import Lti, discretize_zoh
+from gustproof.robust.lti.state_space import Lti, as_lti, discretize_zoh
 from gustproof.robust.mu.ucover import ucover
 
 LAGS = (0.8, 0.9, 1.1, 1.3)
@@ -27,10 +27,10 @@ def test_every_member_is_within_the_weight(form, order):
     family = [two_by_two(seed) for seed in range(4)]
     nominal = Lti(A=np.diag([-1.0, -3.0]), B=np.eye(2), C=[[2.0, 1.0], [0.5, 1.0]], D=np.zeros((2, 2)))
     cover = ucover(family, nominal, order, form=form)
-    assert cover.weight.order == order
-    assert cover.weight.is_stable()
+    assert cover.weight.nstates == order
+    assert as_lti(cover.weight).is_stable()
     for omega in (0.05, 0.7, 3.3, 40.0):  # none is on the grid of the fit
-        weight, centre = abs(cover.weight.response(omega)[0, 0, 0]), nominal.response(omega)[0]
+        weight, centre = abs(as_lti(cover.weight).response(omega)[0, 0, 0]), nominal.response(omega)[0]
         for member in family:
             off = member.response(omega)[0] - centre
             E = {"additive": off, "input": np.linalg.solve(centre, off), "output": off @ np.linalg.inv(centre)}[form]
@@ -41,7 +41,7 @@ def test_every_member_is_within_the_weight(form, order):
 def test_the_weight_of_lags_is_known_and_tight():
     cover = ucover([lag(seconds) for seconds in LAGS], lag(1.0), 1)
     # G / G0 - 1 = (1 - T) s / (T s + 1): the largest is |1 - T| / T at T = .8, far above the corners
-    assert abs(cover.weight.response(1e4)[0, 0, 0]) == pytest.approx(0.25, rel=0.01)
+    assert abs(as_lti(cover.weight).response(1e4)[0, 0, 0]) == pytest.approx(0.25, rel=0.01)
     assert cover.excess == pytest.approx(1.0, abs=0.01)
     assert np.max(cover.distance) == pytest.approx(0.25, rel=1e-3)
 
@@ -52,7 +52,7 @@ def test_the_model_holds_its_nominal_and_moves_by_the_weight(form):
     cover = ucover([lag(seconds) for seconds in LAGS], lag(1.0), 1, form=form)
     np.testing.assert_allclose(cover.model.nominal_system().response(0.7), lag(1.0).response(0.7), rtol=1e-9)
     moved = cover.model.member({"unmodelled": 1.0}).response(0.7)[0, 0, 0]
-    weight, centre = cover.weight.response(0.7)[0, 0, 0], lag(1.0).response(0.7)[0, 0, 0]
+    weight, centre = as_lti(cover.weight).response(0.7)[0, 0, 0], lag(1.0).response(0.7)[0, 0, 0]
     expected = centre + weight if form == "additive" else centre * (1.0 + weight)
     assert moved == pytest.approx(expected, rel=1e-9)
 
@@ -74,8 +74,8 @@ def test_additive_covers_are_exact_in_norm_and_discrete_families_stay_discrete()
         assert hinf_norm(ratio).gain <= 1.0 + 1e-6
     discrete = ucover([discretize_zoh(model, 0.05) for model in family], discretize_zoh(lag(1.0), 0.05), 1)
     assert discrete.weight.dt == discrete.model.M.dt == 0.05
-    assert discrete.weight.is_stable()
-    size = np.abs(discrete.weight.response(discrete.omega)[:, 0, 0])
+    assert as_lti(discrete.weight).is_stable()
+    size = np.abs(as_lti(discrete.weight).response(discrete.omega)[:, 0, 0])
     assert np.all(size >= discrete.distance * (1.0 - 1e-6))
 
 
@@ -101,4 +101,4 @@ def test_a_nominal_model_without_rank_has_no_multiplicative_cover():
     other = Lti(A=-np.eye(2), B=np.eye(2), C=[[1.0, 1.0], [1.0, 1.2]], D=np.zeros((2, 2)))
     with pytest.raises(DesignError, match="loses rank"):
         ucover([other], flat, 1)
-    assert ucover([other], flat, 1, form="additive").weight.order == 1
+    assert ucover([other], flat, 1, form="additive").weight.nstates == 1
