@@ -147,7 +147,7 @@ def long_sentences_in_help() -> Iterator[str]:
 
 
 def long_sentences_in_pages() -> Iterator[str]:
-    for path in (ROOT / "README.md", *sorted((ROOT / "src" / "gustproof" / "guide").glob("*.md"))):
+    for path in (ROOT / "README.md", *sorted((ROOT / "src" / "gustproof" / "guide").rglob("*.md"))):
         yield from (f"{path.name} {text}" for text in long_sentences(path.read_text(encoding="utf-8")))
     command = typer.main.get_command(app)
     options = options_page(command.make_context("gustproof", ["guide"], resilient_parsing=True))

@@ -15,10 +15,10 @@ ENTRIES = list_terms(GLOSSARY)
 PACKAGES = [Path(package.__file__).parent for package in (firmware_model, gustproof)]
 SOURCE = "\n".join(path.read_text(encoding="utf-8") for folder in PACKAGES for path in folder.rglob("*.py")).lower()
 MOST_ENTRIES, MOST_WORDS = 40, 28
-PAGES = [Path(__file__).parents[3] / "README.md", *sorted(Path(str(files("gustproof.guide"))).glob("*.md"))]
+PAGES = [Path(__file__).parents[3] / "README.md", *sorted(Path(str(files("gustproof.guide"))).rglob("*.md"))]
 KNOWN = """
 BSD CHANGELOG COMPleib CSV DuckDB FTP GPL GPS HIFOO HTML II III JAX JSBSim JSON LGPL LICENSE LPVTools MATLAB MB MIT OSI
-OSQP PDF PGF PNG PSF PX4 README ROS SQLite SVG TCP TOML UAV UDP macOS MAVProxy MAVSDK QGroundControl
+OSQP PDF PGF PNG PSF PX4 README ROS SQLite SVG TCP TOML UAV UDP ULog macOS MAVProxy MAVSDK QGroundControl
 ANGLE ATTITUDE BRAKE HEARTBEAT HOLD LAND STABILIZED
 """
 """Abbreviations that need no explanation: names of formats, licences, protocols, programs, plants, modes, messages."""
