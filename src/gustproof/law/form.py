@@ -410,17 +410,18 @@ def parse_law(document: Any, source: str) -> Law:
         raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
 
 
-def find_vehicle(controller: Any, vehicle: Vehicle | None) -> Vehicle:
+def find_vehicle(controller: Any, vehicle: Any, scenario: Any = None) -> Vehicle:
     """Return the vehicle to fly: the given one, or the shipped one that a law was made for.
 
     Raises
     ------
     ValueError
-        If none is given, and the controller is no law of a shipped one; or if it is a name.
+        If none is given, and the controller is no law of a shipped one; or if one of the three is a name.
     """
-    if isinstance(controller, str):
-        raise ValueError(f"'{controller}' is a name: a flight takes a law, such as load_law('{controller}')")
-    if vehicle is not None:
+    for kind, value in (("scenario", scenario), ("law", controller), ("vehicle", vehicle)):
+        if isinstance(value, str):
+            raise ValueError(f"'{value}' is a name: a flight takes a {kind}, such as load_{kind}('{value}')")
+    if isinstance(vehicle, Vehicle):
         return vehicle
     own = controller.provenance.shipped_vehicle if isinstance(controller, Law) else None
     if own is None:

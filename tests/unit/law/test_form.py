@@ -191,6 +191,12 @@ def test_a_law_of_an_own_vehicle_is_for_its_numbers_whatever_the_name(tmp_path: 
     assert "vehicle_digest" not in replace(pid, provenance=Provenance.of(paper, "by hand", {})).to_dict()["provenance"]
 
 
-def test_a_name_in_place_of_a_law_is_told():
-    with pytest.raises(ValueError, match=r"'flagship' is a name: a flight takes a law, such as load_law\('flagship'\)"):
-        find_vehicle("flagship", None)
+@pytest.mark.parametrize(
+    ("names", "kind"),
+    [({"scenario": "gust-roll"}, "scenario"), ({"controller": "flagship"}, "law"), ({"vehicle": "iris"}, "vehicle")],
+)
+def test_a_name_in_place_of_what_it_names_is_told(names, kind):
+    (name,) = names.values()
+    said = rf"'{name}' is a name: a flight takes a {kind}, such as load_{kind}\('{name}'\)"
+    with pytest.raises(ValueError, match=said):
+        find_vehicle(**{"controller": load_law("flagship"), "vehicle": None, **names})

@@ -51,7 +51,7 @@ def fly_controller(
     torque: rms 0.117 N m, peak 0.991 N m, slew rms 19.8 N m/s, at a limit for 0 s
     requirements: 3 of 3 met
     """
-    flown = find_vehicle(controller, vehicle)
+    flown = find_vehicle(controller, vehicle, scenario)
     records, outcome, message = _fly(scenario, controller, flown, seed, nominal or flown)
     return Flight(
         scenario=scenario,

@@ -106,13 +106,14 @@ def fly_direct(
     >>> (records["q_NB"].shape, float(records["time_us"][1]))
     ((2500, 4), 4000.0)
     """
+    flown = find_vehicle(law, vehicle, scenario)
     _check_rate(scenario, law)
     reference = references(scenario) if reference is None else np.ascontiguousarray(reference)
     if reference.shape != (scenario.samples, 3):
         raise ValueError(f"reference has shape {reference.shape}, must be {(scenario.samples, 3)}")
     if not np.isfinite(reference).all():
         raise ValueError(f"reference is not finite from sample {int(np.argmin(np.isfinite(reference).all(axis=1)))} on")
-    flight = _make_flight(scenario, find_vehicle(law, vehicle), seed, law)._replace(reference=reference)
+    flight = _make_flight(scenario, flown, seed, law)._replace(reference=reference)
     _fly(flight)
     return FlownRecords.of(as_records(flight.records), law.name)
 

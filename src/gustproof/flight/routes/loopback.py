@@ -44,7 +44,7 @@ def fly_loopback(scenario: Scenario, law: Law, *, vehicle: Vehicle | None = None
     >>> fly_loopback(scenario, law, vehicle=vehicle).tobytes() == fly_direct(scenario, law, vehicle=vehicle).tobytes()
     True
     """
-    records, _ = fly_by_messages(scenario, law, vehicle=find_vehicle(law, vehicle), seed=seed)
+    records, _ = fly_by_messages(scenario, law, vehicle=find_vehicle(law, vehicle, scenario), seed=seed)
     return FlownRecords.of(records, law.name)
 
 

@@ -91,7 +91,7 @@ def fly(
     >>> (flight.outcome.name, flight.vehicle.name, len(flight.records))
     ('DONE', 'paper', 25)
     """
-    plan = FlightPlan(scenario, controller, find_vehicle(controller, vehicle), seed, real_time)
+    plan = FlightPlan(scenario, controller, find_vehicle(controller, vehicle, scenario), seed, real_time)
     options: dict[str, Any] = {"default_ports": default_ports, "progress": progress, "on_listening": on_listening}
     if out is not None:
         return fly_plan(plan, out, tlog=tlog, **options)
