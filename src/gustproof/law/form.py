@@ -410,7 +410,7 @@ def parse_law(document: Any, source: str) -> Law:
         raise LawFileError(f"{source}: {sanitize_line(str(error))}") from None
 
 
-def find_vehicle(controller: Any, vehicle: Any, scenario: Any = None) -> Vehicle:
+def find_vehicle(controller: Any, vehicle: Vehicle | None, scenario: Any = None) -> Vehicle:
     """Return the vehicle to fly: the given one, or the shipped one that a law was made for.
 
     Raises
@@ -421,7 +421,7 @@ def find_vehicle(controller: Any, vehicle: Any, scenario: Any = None) -> Vehicle
     for kind, value in (("scenario", scenario), ("law", controller), ("vehicle", vehicle)):
         if isinstance(value, str):
             raise ValueError(f"'{value}' is a name: a flight takes a {kind}, such as load_{kind}('{value}')")
-    if isinstance(vehicle, Vehicle):
+    if vehicle is not None:
         return vehicle
     own = controller.provenance.shipped_vehicle if isinstance(controller, Law) else None
     if own is None:
