@@ -36,7 +36,6 @@ _WORST_LAG_ERROR = 0.005  # [s]
 _UNLIKE = 3.0  # airspeed over wind, or wind over airspeed
 _SLOWEST, _FASTEST = 1.0, 500.0  # [m/s] airspeed of the search
 _AT_BOUND = 1e-3  # relative
-_MOST_WIND = 60.0  # [m/s] a hurricane's: no multirotor flies in it
 _TRUST = 0.7  # [-] standard deviation of the logarithms of airspeed over mean wind, and of the yaw ratio
 
 
@@ -103,7 +102,7 @@ def estimate_air(log: FlightLog, found: Identification, vehicle: Vehicle) -> Ide
     ------
     ConfigError
         If neither roll nor pitch is identified, no stretch in the air is long enough, or no wind turns the vehicle. If
-        the airspeed ends at a bound of its search, or the wind is one that no multirotor flies in.
+        the airspeed ends at a bound of its search.
     """
     log = filter_command(log)
     known = [k for k in range(3) if _force(log, found, k) is not None]
@@ -167,16 +166,11 @@ def make_grids(log: FlightLog, found: Identification) -> list[Grid]:
 
 
 def _check_airspeed(source: str, wind: float, airspeed: float) -> None:
-    """Refuse an airspeed at a bound of its search, but for the least in little wind: gusts may then pass so slowly.
-
-    A wind that no multirotor flies in is refused too: what turned the vehicle was no air.
-    """
+    """Refuse an airspeed at a bound of its search, but for the least in little wind: gusts may then pass so slowly."""
     is_slow = wind >= _UNLIKE * _SLOWEST and airspeed / _SLOWEST < 1.0 + _AT_BOUND
     if is_slow or _FASTEST / airspeed < 1.0 + _AT_BOUND:
         said = f"its gusts' airspeed ends at a bound of the search, {airspeed:.3g} m/s, which is no estimate"
         raise ConfigError(f"{source}: its air is not told: {said}")
-    if wind > _MOST_WIND:
-        raise ConfigError(f"{source}: its air is not told: what turned it would be {wind:.0f} m/s of wind")
 
 
 def turbulence_density(omega: Array, vehicle: Vehicle, airspeed: float, yaw_ratio: float) -> Array:

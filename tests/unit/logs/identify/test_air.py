@@ -13,7 +13,6 @@ from gustproof.law.form import load_law
 from gustproof.logs.identify.air import (
     ALTITUDE_M,
     Grid,
-    _check_airspeed,
     _dryden,
     _smooth,
     _step,
@@ -131,8 +130,6 @@ def test_a_disturbance_that_is_no_turbulence_tells_no_air(perfect, log_of):
     records["gyro_B"] += 0.02 * lfilter(*butter(2, 3.0, fs=250.0), noise, axis=0)
     with pytest.raises(ConfigError, match="ends at a bound of the search"):
         estimate_air(log_of(records), perfect(IRIS), IRIS)
-    with pytest.raises(ConfigError, match=r"my\.ulg: its air is not told: what turned it would be 109 m/s of wind"):
-        _check_airspeed("my.ulg", 109.0, 30.0)
 
 
 @pytest.mark.slow
