@@ -41,12 +41,10 @@ class _Search:
                 yield x[at : at + 1, None].astype(np.complex128), abs(float(x[at]))
                 at += 1
                 continue
-            single = block.n_outputs == block.n_inputs == 1
-            sizes = (1, 0) if single else (block.n_outputs, block.n_inputs)
-            numbers = x[at : at + 2 * sum(sizes)]
-            known = numbers[: sum(sizes)] + 1j * numbers[sum(sizes) :]
-            at += numbers.size
-            left, right = known[: sizes[0]], np.ones(1) if single else known[sizes[0] :]
+            count = _count_numbers(block)
+            known = x[at : at + count // 2] + 1j * x[at + count // 2 : at + count]
+            at += count
+            left, right = known[: block.n_outputs], known[block.n_outputs :] if count > 2 else np.ones(1)
             yield (
                 np.asarray(np.outer(left, right), dtype=np.complex128),
                 float(np.linalg.norm(left) * np.linalg.norm(right)),
@@ -71,13 +69,7 @@ class _Search:
 
     def start(self, rng: np.random.Generator) -> Matrix:
         """Return a random point."""
-        numbers = sum(
-            1
-            if isinstance(block, RealBlock)
-            else 2 * (1 if block.n_outputs == block.n_inputs == 1 else block.n_outputs + block.n_inputs)
-            for block in self.blocks
-        )
-        x = np.append(rng.normal(size=numbers) * rng.choice((0.3, 1.0)), 0.0)
+        x = np.append(rng.normal(size=sum(map(_count_numbers, self.blocks))) * rng.choice((0.3, 1.0)), 0.0)
         x[-1] = -np.min(self.room(x))
         return x
 
@@ -88,6 +80,13 @@ class _Search:
             slope = np.array([(self.determinant(x + step * e) - value) / step for e in np.eye(x.size)[:-1]]).T
             x = x - np.append(np.linalg.lstsq(slope, value)[0], 0.0)
         return x
+
+
+def _count_numbers(block: DeltaBlock) -> int:
+    """Return the count of real numbers that a block has at a point."""
+    if isinstance(block, RealBlock):
+        return 1
+    return 2 if block.n_outputs == block.n_inputs == 1 else 2 * (block.n_outputs + block.n_inputs)
 
 
 def _bound_of_norms(x: Matrix) -> float:

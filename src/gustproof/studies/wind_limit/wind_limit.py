@@ -43,9 +43,10 @@ LEAST, MOST = 0.5, 40.0
 DIRECTIONS = tuple(45.0 * k for k in range(8))
 """[deg] bearings that winds come from; the vehicle heads north."""
 _VERTICAL = {"below": (0.0, 0.0, -1.0), "above": (0.0, 0.0, 1.0)}
-_LENGTHS = tuple(0.1 * 1.6**k for k in range(9))
-"""[s] of 1-cos gusts, .1 to 4.3."""
-_PLACE_LENGTHS = tuple(0.1 * 1.6**k for k in range(12))  # to 17.6: a position loop is slower than an attitude
+_PLACE_LENGTHS = tuple(0.1 * 1.6**k for k in range(12))
+"""[s] of 1-cos gusts, .1 to 17.6: a position loop is slower than an attitude."""
+_LENGTHS = _PLACE_LENGTHS[:9]
+"""[s] of those around a law alone, to 4.3."""
 _CASES = 2**31
 _CHUNK = 8 * LANES
 _CELL = LANES  # flights at a point of the map
