@@ -150,7 +150,7 @@ class Lti(Shown):
         if not self.order:
             return np.broadcast_to(self.D.astype(np.complex128), (points.size, *self.D.shape)).copy()
         pencil = np.broadcast_to(-self.A, (points.size, *self.A.shape)).astype(np.complex128)
-        pencil.reshape(points.size, -1)[:, :: self.order + 1] += points[:, None]
+        pencil.reshape(points.size, self.order**2)[:, :: self.order + 1] += points[:, None]
         return np.asarray(self.C @ np.linalg.solve(pencil, self.B[None].astype(np.complex128)) + self.D)
 
     def subsystem(self, outputs: slice | list[int], inputs: slice | list[int]) -> "Lti":

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from gustproof.robust.lti.norms import hinf_norm
+from gustproof.robust.lti.norms import Peak, hinf_norm
 from gustproof.robust.lti.state_space import Lti
-from gustproof.robust.mu.robust_bounds import RobustBounds
+from gustproof.robust.mu.robust_bounds import RobustMargin
 from gustproof.robust.mu.singular_value import mu
-from gustproof.robust.mu.sweep import Bracket
-from gustproof.robust.mu.worst_gain import wcgain
+from gustproof.robust.mu.sweep import Bracket, require_stable, to_continuous
+from gustproof.robust.mu.worst_gain import bracket_gain, require_gain
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
+from gustproof.robust.uncertain.uncertainty import RealBlock
 
 _TRIALS = 24
 """Most sizes of the uncertainty tried."""
@@ -23,13 +24,14 @@ _LARGEST = 1e6
 """[-] size of the uncertainty beyond which it does not matter."""
 
 
-def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> RobustBounds:
+def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> RobustMargin:
     """Return bounds on the robust stability margin, and values that destabilise (MATLAB: `robstab`).
 
     The system is stable for all deviations from nominal of the lower bound times those of the ranges. The worst values
-    deviate by the upper bound: with them a pole is on the boundary, at `omega`. A margin above 1 covers the ranges.
-    Where a nominal value is not the middle of its range, its deviation is counted as in `RealBlock`, by the rational
-    form of MATLAB. Inputs and outputs do not matter. Parameters are constant in time.
+    deviate by the upper bound: with them a pole is on the boundary, at `omega`. A margin above 1 covers the ranges;
+    `covered` has the intervals that the lower bound covers, each in its own unit. Where a nominal value is not the
+    middle of its range, deviations are counted as in `RealBlock`, by the rational form of MATLAB. Inputs and outputs do
+    not matter. Parameters are constant in time.
 
     Parameters
     ----------
@@ -56,12 +58,12 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
     >>> gain = ureal("gain", 4.0, percent=25)
     >>> robstab(feedback(gain * tf(1, [1, 3, 3, 1])))
     Robust stability margin: 4 to 4 at 1.732 rad/s
-    gain: 8 of [3, 5]
+    gain: 8 of [3, 5], covered [0, 8]
     """
     system = as_uncertain(system)
     alone = Uncertain(M=system.M.subsystem(slice(0, system.n_z), slice(0, system.n_w)), blocks=system.blocks)
     found = mu(alone, accuracy=accuracy, boxes=boxes)
-    return RobustBounds(
+    return RobustMargin(
         lower=1.0 / found.upper if found.upper > 0.0 else math.inf,
         upper=1.0 / found.lower if found.lower > 0.0 else math.inf,
         omega=found.omega,
@@ -71,7 +73,7 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
     )
 
 
-def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.02, boxes: int = 1) -> RobustBounds:
+def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: int = 16) -> RobustMargin:
     """Return bounds on the margin up to which the H-infinity norm stays below `gamma` (MATLAB: `robgain`).
 
     For all deviations of the lower bound times those of the ranges the system is stable and its norm below `gamma`. The
@@ -92,20 +94,23 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.02, boxes: i
     True
     """
     system = as_uncertain(system)
+    require_gain(system)
     if not (math.isfinite(gamma) and gamma > 0.0):
         raise ValueError(f"gamma is {gamma!r}, must be positive")
+    require_stable(to_continuous(system))
     nominal = hinf_norm(system.nominal_system())
     worst = Bracket(lower=0.0, upper=0.0, omega=nominal.omega, delta={})
     lower, unproved, size, upper = 0.0, math.inf, 1.0, math.inf if nominal.gain < gamma else 0.0
     while min(upper, unproved) > (1.0 + accuracy) * lower and lower < _LARGEST:
-        found = wcgain(_resize(system, size), accuracy=0.25 * accuracy, boxes=boxes)
+        found = bracket_gain(_resize(system, size), accuracy=0.25 * accuracy, boxes=boxes, wanted=gamma)
         lower, unproved = (max(lower, size), unproved) if found.upper < gamma else (lower, min(unproved, size))
-        reached = _reach(system, found, gamma, size)
+        reached, omega = _reach(system, found, gamma, size)
         if reached < upper:
-            upper, worst = reached, replace(found, delta={k: reached * np.asarray(v) for k, v in found.delta.items()})
+            delta = {name: reached * np.asarray(value) for name, value in found.delta.items()}
+            upper, worst = reached, replace(found, delta=delta, omega=omega)
         below, middle = (1.0 - 0.5 * accuracy) * upper, 0.5 * (lower + unproved)
         size = min(4.0 * size, below if below < unproved else middle)
-    return RobustBounds(
+    return RobustMargin(
         lower=lower if lower < _LARGEST else math.inf,
         upper=upper,
         omega=worst.omega,
@@ -121,28 +126,36 @@ def _resize(system: Uncertain, size: float) -> Uncertain:
     return replace(system, M=Lti(A=M.A, B=M.B * scale, C=M.C, D=M.D * scale, dt=M.dt))
 
 
-def _reach(system: Uncertain, found: Bracket, gamma: float, start: float) -> float:
-    """Return the least size at which the member in the direction found has the gain `gamma`; infinite if it has not."""
+def _reach(system: Uncertain, found: Bracket, gamma: float, start: float) -> tuple[float, float]:
+    """Return the least size at which the member in the direction found has the gain `gamma`, infinite if it has not.
+
+    The frequency is that of the gain there; of complex values, the one that they were found at.
+    """
     direction = interpolate_blocks(system.blocks, found.delta, found.omega, system.M.dt)
 
-    def is_within(size: float) -> bool:
+    def norm(size: float) -> Peak:
         values = {
             name: replace(value, C=size * value.C, D=size * value.D)
             if isinstance(value, Lti)
             else size * np.asarray(value)
             for name, value in direction.items()
         }
-        return hinf_norm(system.close(values)).gain < gamma
+        try:
+            member = system.close(values)
+        except ValueError:  # without a solution
+            return Peak(gain=math.inf, omega=math.inf, error=0.0)
+        return hinf_norm(member)
 
     inside, outside = 0.0, start
-    while is_within(outside):
+    while norm(outside).gain < gamma:
         inside, outside = outside, 2.0 * outside
         if outside > _LARGEST:
-            return math.inf
+            return math.inf, found.omega
     while outside > (1.0 + _CLOSE) * inside:
         middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if is_within(middle) else (inside, middle)
-    return outside
+        inside, outside = (middle, outside) if norm(middle).gain < gamma else (inside, middle)
+    is_real = all(isinstance(block, RealBlock) for block in system.blocks)
+    return outside, norm(inside).omega if is_real else found.omega
 
 
 def largest_size(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from gustproof.robust.lti.balancing import balancing_units
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
@@ -104,9 +105,10 @@ class Scalings:
         # rounding may lose a crossing if scalings are extreme: the band ends at a sample that contradicts it
         speeds = np.array([omega]) if omega > 0.0 else np.append(np.abs(M.poles()), 1.0)
         inside = np.geomspace(max(low, 1e-3 * np.min(speeds)), min(high, 1e3 * np.max(speeds)), 40)
-        denied = [float(x) for x in inside if low < x < high and not self._is_proven(M, 1.001 * level, x)]
-        low = max([low, *(point for point in denied if point < omega)])
-        high = min([high, *(point for point in denied if point > omega)])
+        inside = inside[(low < inside) & (inside < high)]
+        denied = inside[~self._are_proven(M.response(inside), 1.001 * level)]
+        low = float(np.max(denied[denied < omega], initial=low))
+        high = float(np.min(denied[denied > omega], initial=high))
         return (min((1.0 + _BAND_OVERLAP) * low, omega), max((1.0 - _BAND_OVERLAP) * high, omega))
 
     def _pencil(self, M: Lti, level: float) -> tuple[ComplexMatrix, Matrix]:
@@ -124,8 +126,19 @@ class Scalings:
         mass = scipy.linalg.block_diag(np.eye(2 * n), np.zeros((m, m)))
         return np.asarray(pencil * units / units[:, None]), mass
 
-    def _is_proven(self, M: Lti, level: float, omega: float) -> bool:
-        return self.level(M.response(omega)[0]) <= level
+    def _are_proven(self, responses: ComplexMatrix, level: float) -> NDArray[np.bool_]:
+        """Return (k,) whether the level of each response (k, n_z, n_w) is at most `level`."""
+        if min(self.D_z.diagonal().real.min(), self.D_w.diagonal().real.min()) <= 0.0:
+            return np.zeros(len(responses), dtype=bool)
+        z, w = self._sizes()
+        own, M = self.in_units(1.0 / z, 1.0 / w), responses * z[:, None] / w
+        size, one = np.abs(M), np.eye(w.size)
+        squares = size.transpose(0, 2, 1) @ np.abs(own.D_z) @ size
+        terms = np.linalg.norm(np.abs(own.G) @ size, axis=(1, 2)) + np.linalg.norm(squares, axis=(1, 2))
+        turned = 1j * own.G @ M
+        form = _adjoint(M) @ own.D_z @ M + turned + _adjoint(turned) - (own.D_w - own.gain)
+        slack = level**2 * own.gain - form - 1e-14 * w.size * terms[:, None, None] * one
+        return np.asarray(np.linalg.eigvalsh(0.5 * (slack + _adjoint(slack)))[:, 0] >= 0.0)
 
 
 class _Basis(NamedTuple):

@@ -117,7 +117,7 @@ def _is_stable_within(system: Uncertain, radius: float, accuracy: float, boxes: 
         M = to_continuous(family)
         if not M.is_stable():
             return False
-        upper, grid = sweep(M, family.blocks, gain=False, accuracy=accuracy)
+        upper, grid = sweep(M, family.blocks, gain=False, accuracy=accuracy, wanted=1.0)
         if upper < 1.0:
             continue
         seen += 1
@@ -142,7 +142,7 @@ def disk_margin_bounds(L: LinearSystem, *, accuracy: float = 1e-3) -> tuple[floa
     Examples
     --------
     >>> from control import ss
-    >>> from gustproof import disk_margin_bounds
+    >>> from gustproof.robust.mu.singular_value import disk_margin_bounds
     >>> lower, upper = disk_margin_bounds(ss([[0, 1], [0, -2]], [[0], [1]], [[2, 0]], 0))
     >>> f"{lower:.2f} to {upper:.2f}"
     '1.15 to 1.15'

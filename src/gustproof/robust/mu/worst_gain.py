@@ -1,6 +1,7 @@
 """Bounds on the largest H-infinity norm of an uncertain family, with branch and bound where they differ."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,26 +52,63 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
     gain: 2.4 of [1.6, 2.4]
     """
     system = as_uncertain(system)
-    if not all((system.blocks, system.n_inputs, system.n_outputs)):
-        raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")
+    require_gain(system)
+    found = bracket_gain(system, accuracy=accuracy, boxes=boxes)
+    found = _destabilising(system, found) if np.isinf(found.upper) else found
+    return RobustBounds(
+        lower=found.lower,
+        upper=found.upper,
+        omega=found.omega,
+        delta=found.delta,
+        system=system,
+        measure="Worst gain",
+    )
+
+
+def bracket_gain(system: Uncertain, *, accuracy: float, boxes: int, wanted: float | None = None) -> Bracket:
+    """Return the bracket of `wcgain`, with a level `wanted` only until one of the bounds is beyond it.
+
+    The upper bound is infinite where nothing was proved.
+    """
     whole: ParameterBox = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
-    leaves = [(whole, _box_gain(system, whole, accuracy))]
+    leaves = [(whole, _box_gain(system, whole, accuracy, wanted))]
     while True:
         best = max((bracket for _, bracket in leaves), key=lambda bracket: bracket.lower)
-        worst = max(range(len(leaves)), key=lambda k: leaves[k][1].upper)
-        box, bracket = leaves[worst]
-        if len(leaves) >= boxes or bracket.upper <= (1.0 + 2.0 * accuracy) * best.lower or not whole:
-            best = _destabilising(system, best) if np.isinf(bracket.upper) else best
-            return RobustBounds(
-                lower=best.lower,
-                upper=bracket.upper,
-                omega=best.omega,
-                delta=best.delta,
-                system=system,
-                measure="Worst gain",
-            )
-        halves = best_halves(system, box, bracket.omega, accuracy)
-        leaves[worst : worst + 1] = [(half, _box_gain(system, half, accuracy)) for half in halves]
+        box, bracket = max(leaves, key=lambda leaf: leaf[1].upper)
+        enough = wanted or (1.0 + 2.0 * accuracy) * best.lower
+        if bracket.upper <= enough or best.lower >= (wanted or np.inf):
+            return replace(best, upper=bracket.upper)
+        if len(leaves) >= boxes or not whole:
+            known = replace(best, upper=bracket.upper)
+            return known if wanted else _bound_open_boxes(system, leaves, known, accuracy, enough)
+        leaves.remove((box, bracket))
+        leaves += _halve(system, box, bracket, accuracy, enough)
+
+
+def _halve(
+    system: Uncertain, box: ParameterBox, bracket: Bracket, accuracy: float, enough: float
+) -> list[tuple[ParameterBox, Bracket]]:
+    """Return the halves of a box with their brackets; an upper bound not proved below `enough` is that of the box."""
+    halves = best_halves(system, box, bracket.omega, accuracy)
+    found = [_box_gain(system, half, accuracy, enough) for half in halves]
+    return [(half, replace(own, upper=min(own.upper, bracket.upper))) for half, own in zip(halves, found, strict=True)]
+
+
+def _bound_open_boxes(
+    system: Uncertain, leaves: list[tuple[ParameterBox, Bracket]], known: Bracket, accuracy: float, enough: float
+) -> Bracket:
+    """Return the bracket over all boxes, where those not proved below `enough` get a bound of their own."""
+    if len(leaves) == 1:
+        return known
+    own = [_box_gain(system, box, accuracy, None) for box, bracket in leaves if bracket.upper > enough]
+    best = max([known, *own], key=lambda each: each.lower)
+    return replace(best, upper=max(enough, *(each.upper for each in own)))
+
+
+def require_gain(system: Uncertain) -> None:
+    """Raise unless there is something uncertain, and an input and an output."""
+    if not all((system.blocks, system.n_inputs, system.n_outputs)):
+        raise ValueError("the system has no worst gain: no blocks, no inputs or no outputs")
 
 
 def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Uncertain:
@@ -88,7 +126,7 @@ def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Un
     return lft(append(*delta), system.M, system.n_w, system.n_z)
 
 
-def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
+def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float, wanted: float | None) -> Bracket:
     """Return the bracket of the gain in a box, with delta in the coordinates of the whole family."""
     family = restrict(system, box)
     M = to_continuous(family)
@@ -96,7 +134,7 @@ def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float) -> Bracket:
         centre = {name: 0.5 * (low + high) for name, (low, high) in box.items()}
         peak = hinf_norm(system.member(centre))
         return Bracket(lower=peak.gain, upper=np.inf, omega=peak.omega, delta=centre)
-    upper, grid = sweep(M, add_performance_block(family), gain=True, accuracy=accuracy)
+    upper, grid = sweep(M, add_performance_block(family), gain=True, accuracy=accuracy, wanted=wanted)
     found = [(worst_delta(M.response(omega)[0], family.blocks), omega) for omega in grid]
     worst, omega = max(found, key=lambda pair: pair[0].gain)
     delta = worst.parts(family.blocks)

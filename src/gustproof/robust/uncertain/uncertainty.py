@@ -1,5 +1,6 @@
 """Blocks of Delta, the unknowns of an uncertain model, normalised: 0 is nominal and 1 the edge of the range."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -86,6 +87,12 @@ class RealBlock:
         b, c = self.coefficients
         off = np.asarray(value, dtype=np.float64) - self.nominal
         return np.asarray(off / (b - c * off))
+
+    def interval(self, radius: float) -> tuple[float, float]:
+        """Return the values at normalised ones in [-radius, radius]; without end where the rational form has a pole."""
+        _, c = self.coefficients
+        low = -math.inf if c * radius >= 1.0 else float(self.value(-radius))
+        return low, math.inf if -c * radius >= 1.0 else float(self.value(radius))
 
     def normalise(self, value: ArrayLike) -> float:
         """Return the normalised value of a number in the range; refuse any other."""

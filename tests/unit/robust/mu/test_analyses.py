@@ -53,7 +53,10 @@ def test_the_edge_of_stability_is_a_value_in_the_parameters_own_unit(bounds, dt)
     delta = float(gain.blocks[0].delta(edge))
     assert found.lower <= delta * (1 + 1e-9)
     assert (found.lower, found.upper) == (pytest.approx(delta, rel=0.01), pytest.approx(delta, rel=1e-6))
-    assert str(found).splitlines()[1] == f"k: {edge:g} of [{bounds[0]:g}, {bounds[1]:g}]"
+    low, high = found.covered["k"]
+    assert (low, high) == (pytest.approx(float(gain.blocks[0].value(-delta)), abs=0.02), pytest.approx(edge, rel=1e-3))
+    assert loop.close({"k": -found.lower}).is_stable()
+    assert str(found).splitlines()[1].startswith(f"k: {edge:g} of [{bounds[0]:g}, {bounds[1]:g}], covered [")
 
 
 @pytest.mark.parametrize("unknown", [ucomplex("d", 0.0, 0.5), ultidyn("d", bound=0.5)], ids=["number", "dynamics"])
@@ -311,5 +314,18 @@ def test_a_margin_next_to_a_cliff_of_mu_is_bounded():
 def test_a_value_beyond_infinity_is_told_without_a_warning(recwarn):
     # a range off the middle is a rational function of delta, as in MATLAB: the edge 3 is an infinite lag
     lag = ureal("lag", 1.0, range=(0.75, 1.5))
-    assert robstab(feedback((1 / lag) * tf(1, [1, 0]))).worst["lag"] == math.inf
+    found = robstab(feedback((1 / lag) * tf(1, [1, 0])))
+    assert found.worst["lag"] == math.inf
+    assert found.covered["lag"] == (pytest.approx(0.5, rel=1e-5), pytest.approx(1e6, rel=1.0))
+    assert lag.blocks[0].interval(3.0) == (0.5, math.inf)
     assert not recwarn
+
+
+def test_a_margin_of_gain_ends_where_the_loop_has_no_solution_or_no_stable_nominal_member():
+    loop = feedback((1 / ureal("m", 1.0, percent=20)) * tf([2, 1], [0.1, 1, 0, 0]))
+    found = robgain(loop, 2.0, **FAST)  # next to a mass of 0, where 1 / m has no value
+    assert found.lower <= found.upper <= 1.02 * found.lower
+    assert found.covered["m"] == pytest.approx((1.0 - 0.2 * found.lower, 1.0 + 0.2 * found.lower))
+    assert max(hinf_norm(loop.close({"m": share * found.lower})).gain for share in np.linspace(-1, 1, 41)) < 2.0
+    with pytest.raises(ValueError, match="unstable at Delta = 0"):
+        robgain(feedback(ureal("k", range=(9, 10)) * CUBIC), 2.0)
