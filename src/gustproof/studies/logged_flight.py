@@ -33,7 +33,7 @@ class LoggedFlight:
     not_told: tuple[str, ...] = ()
     """Reason for each response that is not told."""
     spectrum: GyroSpectrum | None = None
-    """Spectrum of the gyro; `None` if the log is too short or too slow."""
+    """Spectrum of the gyro; `None` if the log is too short in the air, or too slow."""
     shown: ShownVehicle | None = None
     """Vehicle and air; `None` if nothing can be identified."""
     no_vehicle: str = ""
@@ -56,6 +56,7 @@ def study_log(log: FlightLog, name: str, *, progress: Callable[[float, str], Non
     progress(0.02, "step responses and vibration")
     found = study_loops(log)
     try:
+        check_class(log)
         shown = show_vehicle(log, name, progress=lambda share: progress(0.05 + 0.35 * share, "vehicle"))
     except ConfigError as error:
         return replace(found, no_vehicle=str(error), no_judgement=f"no vehicle: {error}")
@@ -93,9 +94,21 @@ def logged_parameters(log: FlightLog) -> Mapping[str, float]:
     return log.parameters
 
 
+def check_class(log: FlightLog) -> None:
+    """Refuse the log of another class of vehicle, whose command and rates are those of rudders, wheels or wings.
+
+    Raises
+    ------
+    ConfigError
+        If its parameters tell one that does not hover.
+    """
+    if log.system in AUTOPILOTS and (other := AUTOPILOTS[log.system].find_class(log.parameters)):
+        raise ConfigError(f"{log.source}: {other}, only multicopters are identified")
+
+
 def contradiction(log: FlightLog, judgement: Judgement) -> str:
     """Return the remark on gains that are unstable by the model and flew all the same; empty for others."""
-    aloft = sum(end - begin for begin, end in log.airborne)
+    aloft = sum(end - begin for begin, end in log.airborne or ())
     if judgement.verdict is not Verdict.UNSTABLE or aloft < _FLEW_S:
         return ""
     return (

@@ -70,6 +70,7 @@ def identify(
     from gustproof.logs.identify.vehicle_file import Known
     from gustproof.logs.read.flown_part import crop
     from gustproof.logs.read.read_log import read_log
+    from gustproof.studies.logged_flight import check_class
 
     outputs = {"vehicle": output, "report": report, "wind": wind, "scenario": scenario}
     suffixes = {"report": (".html", "a report"), "wind": (".csv", "a replay"), "scenario": (".toml", "a scenario")}
@@ -87,6 +88,7 @@ def identify(
     title = f"identify {log}"
     with progress(f"reading {log}", quiet=as_json) as shown:
         flight, name = crop(read_log(log), begin, end), (output or log).stem
+        check_class(flight)
         found = show_vehicle(flight, name, known, progress=lambda share: shown(share, title))
         _write(flight, found, outputs)
     if as_json:

@@ -31,12 +31,14 @@ _WHOLE = frozenset(
 _ROTORS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}  # by FRAME_CLASS
 _STRANGERS = {
     r"Q_A_(RAT|ANG)_\w+": "gains of a quadplane (ArduPlane): to judge its hover, rename Q_A_ to ATC_ and Q_M_ to MOT_",
-    r"(RLL|PTCH|YAW)(2SRV|_RATE)_\w+|TECS_\w+|KFF_\w+": "of a plane (ArduPlane), only multicopters are judged",
-    r"ATC_(STR|SPEED|SAIL|BAL)_\w+|CRUISE_\w+": "of a rover or boat (ArduRover), only multicopters are judged",
-    r"H_(COL|SW|RSC|TAIL|FLYBAR|SV)\w*|IM_\w+": "of a helicopter, only multicopters are judged",
-    r"JS_(GAIN|BTN)\w+": "of a submarine (ArduSub), only multicopters are judged",
     r"RATE_(RLL|PIT|YAW)_\w+|STB_(RLL|PIT|YAW)_P": "names of ArduCopter before 3.4: its gains have another scale, and "
     "other names since, ATC_RAT_… and ATC_ANG_…",
+}
+_OTHERS = {
+    r"(RLL|PTCH|YAW)(2SRV|_RATE)_\w+|TECS_\w+|KFF_\w+": "plane (ArduPlane)",
+    r"ATC_(STR|SPEED|SAIL|BAL)_\w+|CRUISE_\w+": "rover or boat (ArduRover)",
+    r"H_(COL|SW|RSC|TAIL|FLYBAR|SV)\w*|IM_\w+": "helicopter",
+    r"JS_(GAIN|BTN)\w+": "submarine (ArduSub)",
 }
 _SWITCHES = {
     "FSTRATE_ENABLE": (0.0, "its rate loops run at the gyro's rate, faster than here"),
@@ -167,10 +169,11 @@ ARDUPILOT = AutopilotLoops(
     gains=r"ATC_(ANG_(RLL|PIT|YAW)_P|RAT_(RLL|PIT|YAW)_[PID])",
     filters=r"INS_GYRO_FILTER|INS_HNTC(H|2)_ENABLE",
     strangers=_STRANGERS,
-    classes=(
-        "FRAME_CLASS",
-        {**dict.fromkeys((6.0, 11.0, 13.0), "helicopter"), 8.0: "single copter", 9.0: "coax copter"},
-    ),
+    others=_OTHERS,
+    hovers=r"Q_A_(RAT|ANG)_\w+",
+    classes={
+        "FRAME_CLASS": {**dict.fromkeys((6.0, 11.0, 13.0), "helicopter"), 8.0: "single copter", 9.0: "coax copter"}
+    },
     loop_rate=("SCHED_LOOP_RATE", 50.0, 2000.0),
     rotors=_rotors,
 )

@@ -158,7 +158,7 @@ def _find_kinds(names: Collection[str]) -> list[str]:
     return own or [
         kind
         for kind, each in AUTOPILOTS.items()
-        if any(re.fullmatch(stranger, name) for name in names for stranger in each.strangers)
+        if any(re.fullmatch(stranger, name) for name in names for stranger in (*each.strangers, *each.others))
     ]
 
 

@@ -34,6 +34,8 @@ _CLASSES = {  # control_allocator's module.yaml of 1.17
     **dict.fromkeys((10.0, 11.0, 12.0), "helicopter"),
     **dict.fromkeys((14.0, 15.0), "spacecraft"),
 }
+_TYPES = {1.0: "plane", 4.0: "helicopter", 7.0: "airship", 10.0: "rover", 11.0: "boat", 12.0: "submarine"}  # MAV_TYPE
+_GAINS = r"MC_(ROLL|PITCH|YAW)(_P|RATE_[PIDK])"
 _DYNAMIC = 3  # bits of IMU_GYRO_DNF_EN: notches that follow the speed of rotors, or a spectrum
 
 
@@ -150,14 +152,12 @@ PX4 = AutopilotLoops(
     build=_build,
     thrust_steps=1000,  # microseconds of a pulse, though its simulator gets fractions
     remarks=_remarks,
-    gains=r"MC_(ROLL|PITCH|YAW)(_P|RATE_[PIDK])",
+    gains=_GAINS,
     filters=r"IMU_D?GYRO_CUTOFF|IMU_GYRO_NF[01]_FRQ",
-    strangers={
-        r"FW_[RPY]R_\w+": "unless it hovers: of a plane, only multicopters are judged",
-        r"(GND|RD|RA|RM|RO)_\w+": "unless it hovers: of a rover, only multicopters are judged",
-        r"UUV_\w+": "unless it hovers: of a submarine, only multicopters are judged",
-    },
-    classes=("CA_AIRFRAME", _CLASSES),
+    strangers={},
+    others={r"FW_[RPY]R_\w+": "plane", r"(GND|RD|RA|RM|RO)_\w+": "rover", r"UUV_\w+": "submarine"},
+    hovers=_GAINS,
+    classes={"CA_AIRFRAME": _CLASSES, "MAV_TYPE": _TYPES},
     loop_rate=("IMU_GYRO_RATEMAX", 100.0, 8000.0),
     rotors=_rotors,
 )

@@ -17,7 +17,6 @@ FLOWN = "_FLOWN"
 """End of the name of what a log tells of a notch that moves [Hz]."""
 _FEW = 4  # names that a remark lists
 _FASTEST = 2000  # [Hz] of loops that are judged
-_BESIDE = "unless it hovers: "  # begins the meaning of names that may stand beside gains of a multicopter
 _NEARLY = 0.01  # below a whole number a value counts as that: ArduPilot's AP_Param::set_float
 _TINY = 1e-9  # least value of what has no documented one
 _AT_LIMIT = 1e-3  # relative distance within which a value is at a limit: the search stops as near
@@ -87,9 +86,13 @@ class AutopilotLoops(NamedTuple):
     filters: str
     """Regular expression of the filters that are named where they are at their defaults."""
     strangers: Mapping[str, str]
-    """Regular expressions of names that tell another class of vehicle or version, and what is said of them."""
-    classes: tuple[str, Mapping[float, str]]
-    """Parameter that tells the class of vehicle, and its values [-] of those that are no multicopters."""
+    """Regular expressions of names whose gains are others than those above, and what is said of them."""
+    others: Mapping[str, str]
+    """Regular expressions of names that another class of vehicle has, and the class."""
+    hovers: str
+    """Regular expression of names that a vehicle has which hovers, whatever class it is of."""
+    classes: Mapping[str, Mapping[float, str]]
+    """Parameters that tell the class of vehicle, and their values [-] of those that are no multicopters."""
     loop_rate: tuple[str, float, float]
     """Parameter of the loops' rate, its least and its largest value [Hz]."""
     rotors: Callable[[Mapping[str, float]], tuple[str, int] | None]
@@ -123,16 +126,24 @@ class AutopilotLoops(NamedTuple):
         ConfigError
             One line that names them.
         """
-        has_gains = any(re.fullmatch(self.gains, name) for name in parameters)
         for names, meaning in self.strangers.items():
-            found = [name for name in parameters if re.fullmatch(names, name)]
-            if found and not (has_gains and meaning.startswith(_BESIDE)):
-                raise ConfigError(f"{', '.join(found[:_FEW])}: {meaning.removeprefix(_BESIDE)}")
-        name, others = self.classes
-        if other := others.get(parameters.get(name, 0.0)):
-            raise ConfigError(f"{name} {parameters[name]:g}: of a {other}, only multicopters are judged")
-        if not has_gains:
+            if found := _matches(names, parameters):
+                raise ConfigError(f"{', '.join(found[:_FEW])}: {meaning}")
+        if other := self.find_class(parameters):
+            raise ConfigError(f"{other}, only multicopters are judged")
+        if not _matches(self.gains, parameters):
             raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
+
+    def find_class(self, parameters: Mapping[str, float]) -> str:
+        """Return the parameters that tell another class of vehicle, and the class; empty for what hovers."""
+        if not _matches(self.hovers, parameters):
+            for names, other in self.others.items():
+                if found := _matches(names, parameters):
+                    return f"{', '.join(found[:_FEW])}: of a {other}"
+        for name, others in self.classes.items():
+            if other := others.get(parameters.get(name, 0.0), ""):
+                return f"{name} {parameters[name]:g}: of a {other}"
+        return ""
 
     def thrust_step(self, vehicle: Vehicle) -> float:
         """Return the step [N] to which a rotor's thrust is rounded in simulation; 0 if it is not rounded."""
@@ -153,6 +164,11 @@ class AutopilotLoops(NamedTuple):
         if low is not None and value < low:
             return f"below {self.name}'s limit, {low:g}"
         return ""
+
+
+def _matches(names: str, parameters: Mapping[str, float]) -> list[str]:
+    """Return the parameters whose whole name a regular expression matches."""
+    return [name for name in parameters if re.fullmatch(names, name)]
 
 
 def describe_defaults(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> list[str]:

@@ -288,7 +288,7 @@ class _Spectra:
 
 
 def _noise(found: Identification, k: int) -> float:
-    return max(found.axes[k].noise, 1e-7)
+    return max(found.axes[k].noise or 0.0, 1e-7)
 
 
 def _make_spectra(grids: Sequence[Grid], steps: Sequence[tuple[float, float]], found: Identification) -> _Spectra:

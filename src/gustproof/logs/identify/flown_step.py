@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 from firmware_model.types import AXES
 from gustproof.logs.identify.rates import describe_slow_log
 from gustproof.logs.identify.spectra import frequency_response
-from gustproof.logs.identify.stretches import find_stretches, limit_time, sample_time
+from gustproof.logs.identify.stretches import NEVER_FLEW, find_stretches, limit_time, sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
 
@@ -108,6 +108,8 @@ class FlownStep:
 def flown_steps(log: FlightLog) -> tuple[list[FlownStep], list[str]]:
     """Return the responses that a log tells, and a reason for each that it does not."""
     told, refused = list[FlownStep](), list[str]()
+    if log.airborne == ():
+        return [], [f"rate and attitude: {NEVER_FLEW}"]
     for loop, reference, answer in (
         (Loop.RATE, log.rate_reference, log.gyro),
         (Loop.ATTITUDE, log.reference, log.attitude),

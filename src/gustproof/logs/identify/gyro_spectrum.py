@@ -72,7 +72,7 @@ class GyroSpectrum:
 
 
 def gyro_spectrum(log: FlightLog) -> GyroSpectrum | None:
-    """Return the spectrum of a log; `None` if it is too short or too slow to show vibration.
+    """Return the spectrum of a log; `None` if it is too short in the air, or too slow, to show vibration.
 
     References
     ----------

@@ -28,8 +28,8 @@ class AxisEstimate:
     """[rad/s^2 per unit of command] `None` if the log does not excite the axis."""
     damping: Interval | None
     """[1/s] `None` as for the gain; below 0 where the model lacks something."""
-    noise: float
-    """[rad/s/sqrt(Hz)] one-sided density of the gyro's noise."""
+    noise: float | None
+    """[rad/s/sqrt(Hz)] one-sided density of the gyro's noise; `None` if a filter took it away before it was logged."""
     disturbance_rms: float
     """[rad/s^2] rms of the disturbance's angular acceleration."""
     disturbance_corner: float

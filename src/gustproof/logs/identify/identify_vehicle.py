@@ -28,10 +28,11 @@ from gustproof.logs.identify.likelihood import (
     places,
     solve_gains,
 )
-from gustproof.logs.identify.rates import describe_slow_log, is_whole
-from gustproof.logs.identify.sparse_command import fill_command
+from gustproof.logs.identify.rates import describe_cure, describe_slow_log, is_whole
+from gustproof.logs.identify.sparse_command import Filled, fill_command
 from gustproof.logs.identify.stretches import (
     BIN,
+    NEVER_FLEW,
     SHORTEST,
     Stretch,
     cut_stretch,
@@ -53,6 +54,7 @@ _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
 _ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
+_GUESSED = 0.4  # share of the quick commands filled in, below which the log's rate is to blame
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _HIDDEN = "the autopilot's answer to the gyro hides the vehicle's to the command"
 _FILTERED = "gyro: filtered before it is logged"
@@ -100,8 +102,13 @@ class _Axis:
     """Series."""
     held_out: "_HeldOut | None" = None
     """Test on the pieces of the flight that its fit has not seen."""
-    is_filled: bool = False
-    """True if its commands are filled in by the gyro: the answer to them then hides behind that."""
+    filled: float | None = None
+    """[-] share of the quick commands that the gyro fills in: the answer to them hides behind that; else `None`."""
+
+    @property
+    def is_noise_gone(self) -> bool:
+        """True if next to nothing of the prediction errors is white: a filter took the gyro's noise away."""
+        return bool(np.exp(self.theta[NOISE]) < _WHITE * self.unexplained)
 
     @property
     def wide_gain(self) -> Interval:
@@ -113,7 +120,7 @@ class _Axis:
     def doubt(self) -> str:
         """Reason why the model is none of this vehicle, whatever its gain; empty if there is none."""
         test = self.held_out
-        if at_bound(self.theta) or (self.is_filled and is_prompt(self.theta)):
+        if at_bound(self.theta) or (self.filled is not None and is_prompt(self.theta)):
             return "its lag ends at a bound of the search, which is no estimate"
         if hidden := self._hidden():
             return hidden
@@ -141,7 +148,7 @@ class _Axis:
         """[rad/s^2 per unit] the same; `None` if the flight does not show it."""
         low, gain, high = self.wide_gain
         evidence = math.inf if self.held_out is None else self.held_out.evidence
-        loose = (_LOOSE if evidence > _EVIDENT else _VAGUE) * (_FILLED_SPREAD if self.is_filled else 1.0)
+        loose = (_LOOSE if evidence > _EVIDENT else _VAGUE) * (1.0 if self.filled is None else _FILLED_SPREAD)
         sound = gain > 0.0 and evidence > 0.0 and not self.doubt
         return self.wide_gain if sound and max(high - gain, gain - low) < loose * gain else None
 
@@ -159,17 +166,15 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     ConfigError
         If the log has no commands, or is too short in the air.
     """
+    if log.airborne == ():
+        raise ConfigError(f"{log.source}: {NEVER_FLEW}")
     slow = describe_slow_log(log, {"gyro": log.gyro, "command": _find_command(log)[0]})
     filled = fill_command(log)
-    sampled = 0.0 if filled is None or log.command is None else sample_time(log.command)
-    return _identify(filter_command(filled or log), progress or (lambda _: None), slow=slow, sampled=sampled)
+    return _identify(filter_command(filled.log if filled else log), progress or (lambda _: None), slow, filled)
 
 
-def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampled: float) -> Identification:
-    """Return the estimates of a log whose commands are filled in between some `sampled` [s] apart; 0 if none are.
-
-    `slow` blames its rates, where they are to blame.
-    """
+def _identify(log: FlightLog, tell: Callable[[float], None], slow: str, filled: Filled | None) -> Identification:
+    """Return the estimates of a log, whose commands may be filled in; `slow` blames its rates, where they are low."""
     command, square = _find_command(log)
     spans = limit_time(find_stretches(log, command), command, _ENOUGH)
     learnt, rest = hold_out(spans)
@@ -182,17 +187,18 @@ def _identify(log: FlightLog, tell: Callable[[float], None], *, slow: str, sampl
     tell(0.3)
     trained = _fit_axes(_axis_data(_cut(log, command, learnt), square), dt, near)
     if (further := _next_spacing(trained, log.gyro)) is not None:
-        return _identify(_thin(log, further), tell, slow=slow, sampled=sampled)
+        return _identify(_thin(log, further), tell, slow, filled)
     tell(0.6)
     axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
     tell(0.9)
     ahead = _cut(log, command, rest)
     for axis, seen in zip(axes, trained, strict=True):
-        axis.held_out, axis.is_filled = _test_held_out(seen, ahead), sampled > 0.0
-        if axis.is_filled:
+        axis.held_out = _test_held_out(seen, ahead)
+        if filled is not None:
+            axis.filled = filled.shares[axis.data.axis]
             middle = np.median(axis.replicates, axis=0)
             axis.replicates = middle + _FILLED_SPREAD * (axis.replicates - middle)
-    return _collect(log, command, axes, slow=slow, sampled=sampled)
+    return _collect(log, command, axes, slow, 0.0 if filled is None else filled.step)
 
 
 def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:
@@ -211,11 +217,7 @@ def _thin(log: FlightLog, spacing: float) -> FlightLog:
 
 def _find_coloured_axes(axes: list[_Axis]) -> list[str]:
     """Return the axes of the gyro whose noise is not white: a filter took it away, or samples share it."""
-    return [
-        AXES[axis.data.axis]
-        for axis in axes
-        if np.exp(axis.theta[NOISE]) < _WHITE * axis.unexplained or axis.likeness > _ALIKE
-    ]
+    return [AXES[axis.data.axis] for axis in axes if axis.is_noise_gone or axis.likeness > _ALIKE]
 
 
 def _find_command(log: FlightLog) -> tuple[LogSignal, bool]:
@@ -307,8 +309,8 @@ def _test_held_out(axis: _Axis, ahead: list[Stretch]) -> _HeldOut:
     )
 
 
-def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str, sampled: float) -> Identification:
-    """Return the results in the form that others read."""
+def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], slow: str, sampled: float) -> Identification:
+    """Return the results in the form that others read; commands `sampled` [s] apart are filled in, at 0 none are."""
     told = [axis for axis in axes if axis.gain is not None]
     if slow and len(told) < len(axes):  # intervals of the others miss the truth in a quarter of such logs
         told = []
@@ -318,8 +320,10 @@ def _collect(log: FlightLog, command: LogSignal, axes: list[_Axis], *, slow: str
         sampled=sampled,
         is_held=log.system == "gustproof" or is_whole(log, log.command),
     )
-    roll, pitch, yaw = (_estimate(axis, sample_time(log.gyro), slow, is_told=axis in told) for axis in axes)
-    motors, motor_intervals = _motor_gains(axes)
+    dt = sample_time(log.gyro)
+    advice = ["" if axis in told else slow or _advise(axis, describe_cure(log)) for axis in axes]
+    roll, pitch, yaw = (_estimate(axis, dt, its_own) for axis, its_own in zip(axes, advice, strict=True))
+    motors, motor_intervals = _motor_gains(axes if told else [])
     return Identification(
         source=log.source,
         system=log.system,
@@ -386,29 +390,31 @@ def _lag(theta: Array) -> Array:
     return np.asarray(np.exp(theta[..., LAG]))
 
 
-def _estimate(axis: _Axis, dt: float, slow: str, *, is_told: bool) -> AxisEstimate:
-    """Return the numbers of one axis; `dt` [s] is that of the gyro's samples, `slow` blames a slow log."""
-    gain, theta = axis.gain if is_told else None, axis.theta
+def _estimate(axis: _Axis, dt: float, advice: str) -> AxisEstimate:
+    """Return the numbers of one axis, identified if there is no advice; `dt` [s] is that of the gyro's samples."""
+    gain, theta = None if advice else axis.gain, axis.theta
     free = theta if theta[DAMPING] > 0.0 else np.median(axis.replicates, axis=0)  # one at its bound is no estimate
     damping = interval(free, axis.replicates, lambda p: p[..., DAMPING])
     return AxisEstimate(
         gain=gain,
         damping=None if gain is None else damping,
-        noise=float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
+        noise=None if axis.is_noise_gone else float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
         disturbance_rms=disturbance_rms(axis.curves, theta),
         disturbance_corner=disturbance_corner(theta),
         held_out_r2=None if gain is None or axis.held_out is None else axis.held_out.r_squared,
-        advice="" if gain is not None else slow or _advise(axis),
+        advice=advice,
     )
 
 
-def _advise(axis: _Axis) -> str:
-    """Return the reason why an axis is not identified, and the manoeuvre that would excite it."""
+def _advise(axis: _Axis, cure: str) -> str:
+    """Return the reason why an axis is not identified, and the settings and the manoeuvre that `cure` it."""
     name, gain = AXES[axis.data.axis], axis.wide_gain
-    manoeuvre = (
-        f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; log gyro and torque "
-        "command at 250 Hz"
-    )
+    manoeuvre = f"Fly steps of 10 deg of {name}, a second each, or a chirp of .5 to 8 Hz, for 30 s; {cure}"
+    if axis.filled is not None and axis.filled < _GUESSED:
+        guessed = (
+            f"of what its command does between two logged samples, the gyro tells {100.0 * axis.filled:.0f} % only"
+        )
+        return f"{name} is not identified, as the log is too slow: {guessed}: {cure} and fly again"
     if axis.doubt:
         return f"{name} is not identified: {axis.doubt}. {manoeuvre}"
     share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
@@ -438,7 +444,7 @@ def _thrust_range(log: FlightLog) -> float:
 
 def _motor_gains(axes: list[_Axis]) -> tuple[Array | None, Array | None]:
     """Return the gains (3, m) of motors and their intervals (3, m, 2)."""
-    if not axes[0].data.square:
+    if not axes or not axes[0].data.square:
         return None, None
     gains = np.array([axis.theta[GAINS:-1] for axis in axes])
     ends = np.array([np.quantile(axis.replicates[:, GAINS:-1], [0.025, 0.975], axis=0).T for axis in axes])
@@ -459,6 +465,14 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
         doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
     if any(is_prompt(axis.theta) for axis in told):
         doubts.append("lag: none is seen, as of simulated motors without one: what is left of the sum stands for it")
+    return doubts + _doubt_noise(axes)
+
+
+def _doubt_noise(axes: list[_Axis]) -> list[str]:
+    """Return the doubts about a gyro that was filtered before it was logged, a line each."""
+    lines = []
+    if gone := [AXES[axis.data.axis] for axis in axes if axis.is_noise_gone]:
+        lines.append(f"gyro noise: not told of {', '.join(gone)}, as a filter took it away before it was logged")
     if coloured := _find_coloured_axes(axes):
-        doubts.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
-    return doubts
+        lines.append(f"{_FILTERED} ({', '.join(coloured)}): lag, delay and gains may be off by more")
+    return lines

@@ -14,9 +14,9 @@ _LOOP_RATES = {
 _SPARSE = 1.5  # steps of the loop from one logged sample to the next, from which on some are missing
 _SLOW = 40.0  # [Hz] below which a refusal is blamed on the rate; logs of PX4's default profile have 50
 _CURES = {
-    "px4": "set SDLOG_PROFILE 17 and fly again",
-    "ardupilot": "set LOG_BITMASK 442367 and LOG_FILE_RATEMAX 0 and fly again",
-    "crazyflie": "log at 250 Hz or more",
+    "px4": "set SDLOG_PROFILE 17",
+    "ardupilot": "set LOG_BITMASK 442367 and LOG_FILE_RATEMAX 0",
+    "crazyflie": "log gyro and torque command at 250 Hz or more",
 }
 
 
@@ -38,11 +38,16 @@ def is_sparse(log: FlightLog, signal: LogSignal) -> bool:
     return rate is not None and sample_time(signal) * rate >= _SPARSE
 
 
+def describe_cure(log: FlightLog) -> str:
+    """Return the settings that make a log fast enough; a telemetry log is not of the autopilot's making."""
+    telemetry = "take the log of the autopilot's own card, with gyro and torque command at 250 Hz,"
+    return telemetry if log.source.endswith(".tlog") else _CURES.get(log.system, "log gyro and torque at 250 Hz")
+
+
 def describe_slow_log(log: FlightLog, signals: Mapping[str, LogSignal], least: float = _SLOW) -> str:
     """Return that some of the `signals`, by name, are logged below `least` [Hz], with rates and cure; else nothing."""
     rates = {name: 1.0 / sample_time(signal) for name, signal in signals.items()}
     if min(rates.values()) >= least:
         return ""
     logged = " and ".join(f"{name} at {rate:.3g} Hz" for name, rate in rates.items())
-    cure = _CURES.get(log.system, "take the autopilot's own log, at 250 Hz")
-    return f"the log is too slow, {logged}: {cure}"
+    return f"the log is too slow, {logged}: {describe_cure(log)} and fly again"

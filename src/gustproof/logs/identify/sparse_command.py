@@ -10,6 +10,7 @@ That needs neither the autopilot's gains nor its version, and the share that is 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, lfilter
@@ -35,8 +36,19 @@ _CLOSER, _CLOSE = 2.0, 0.01  # gyro samples between two commands, and [s] betwee
 _USUAL, _ROUNDS = 2.0, 10  # median errors of full weight; rounds that the weights take to settle
 
 
-def fill_command(log: FlightLog) -> FlightLog | None:
-    """Return the log with its command at even, close times; `None` if none of the loop's commands is known to miss."""
+class Filled(NamedTuple):
+    """A log whose commands are filled in."""
+
+    log: FlightLog
+    """Log with its command at even, close times."""
+    step: float
+    """[s] between two commands that are logged."""
+    shares: tuple[float, ...]
+    """(3,) [-] of each axis' quick part that the gyro explains."""
+
+
+def fill_command(log: FlightLog) -> Filled | None:
+    """Return the log with its command filled in; `None` if none of the loop's commands is known to miss."""
     command, gyro = log.command, log.gyro
     if command is None or len(command.time) < 3 or not is_sparse(log, command):
         return None
@@ -54,7 +66,7 @@ def fill_command(log: FlightLog) -> FlightLog | None:
     )
     filled = LogSignal(time=time, values=np.column_stack(columns))
     others = [each for each in log.findings if not (each.startswith("command: ") and each.endswith(TOO_SLOW))]
-    return replace(log, command=filled, findings=(*others, line))
+    return Filled(replace(log, command=filled, findings=(*others, line)), step, shares)
 
 
 def _fill_axis(log: FlightLog, command: LogSignal, axis: int, time: Array) -> tuple[Array, float]:

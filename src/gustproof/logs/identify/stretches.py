@@ -24,6 +24,8 @@ LONGEST_GAP = 0.1
 """[s] beyond it a stretch ends."""
 SHORTEST = 2.0
 """[s] of a stretch that is used."""
+NEVER_FLEW = "never in the air, by its landing detector or motors: --from and --to take a part of it all the same"
+"""Said of a log without a flight."""
 _ROUND = 1e-9  # [s] of sums
 
 
@@ -67,8 +69,10 @@ def sample_time(signal: LogSignal) -> float:
 
 def find_stretches(log: FlightLog, command: LogSignal) -> list[tuple[float, float]]:
     """Return begin and end [s] of the airborne stretches in which gyro and `command` have no long gap."""
-    airborne = tuple((begin + _GROUND, end - _GROUND) for begin, end in log.airborne)
-    airborne = airborne or ((float(log.gyro.time[0]), float(log.gyro.time[-1])),)
+    if log.airborne is None:
+        airborne = [(float(log.gyro.time[0]), float(log.gyro.time[-1]))]
+    else:
+        airborne = [(begin + _GROUND, end - _GROUND) for begin, end in log.airborne]
     found = [part for whole in airborne for part in _split(whole, (log.gyro, command))]
     return [(begin, end) for begin, end in found if end - begin >= SHORTEST]
 

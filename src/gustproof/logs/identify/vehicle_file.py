@@ -342,14 +342,18 @@ def _add_damping(draft: _Draft, found: Identification) -> None:
 
 def _add_gyro(draft: _Draft, found: Identification) -> None:
     """Set the gyro's ratio of its reference rate to the noise of a 250 Hz sample."""
-    noise = np.array([axis.noise for axis in found.axes]) * math.sqrt(125.0)
-    if np.any(noise <= 0.0):
+    noise = np.array([axis.noise for axis in found.axes if axis.noise is not None]) * math.sqrt(125.0)
+    if not len(noise):
         return
     ratio = 20.0 * np.log10(draft.document["gyro"]["reference_rate"] / noise)
     nominal = 20.0 * math.log10(draft.document["gyro"]["reference_rate"] / math.sqrt(np.mean(noise**2)))
     low, high = float(ratio.min()), float(ratio.max())
     value = {"nominal": nominal, "low": low, "high": high} if low < nominal - 0.1 and high > nominal + 0.1 else nominal
-    draft.set("gyro.snr_db", value, "measured: all axes, and the spread between them")
+    draft.set(
+        "gyro.snr_db",
+        value,
+        f"measured: {'all' if len(noise) == 3 else f'{len(noise)} of 3'} axes, and the spread between them",
+    )
 
 
 def _spread(interval: Interval) -> dict[str, float]:

@@ -52,8 +52,8 @@ class FlightLog:
     """(n, 3) [rad/s] B, rates commanded to the rate loops."""
     is_gyro_raw: bool = False
     """True if the gyro is known to be logged before the autopilot's filters."""
-    airborne: tuple[tuple[float, float], ...] = ()
-    """[s] start and end of each stretch in the air."""
+    airborne: tuple[tuple[float, float], ...] | None = None
+    """[s] start and end of each stretch in the air, none if it never was; `None` if not told: all of it is taken."""
     notches: Mapping[str, LogSignal] = field(default_factory=dict)
     """(n, m) [Hz] of notches of the gyro that moved, by the beginning of their parameters' names; 0 if not known."""
     parameters: Mapping[str, float] = field(default_factory=dict)

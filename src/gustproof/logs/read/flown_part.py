@@ -40,7 +40,7 @@ def place_notches(log: FlightLog) -> FlightLog:
     """
     flown, lines = dict[str, float](), list[str]()
     for name, signal in log.notches.items():
-        values = np.concatenate([np.zeros((0, signal.values.shape[1])), *_in_air(signal, log.airborne)])
+        values = np.concatenate([np.zeros((0, signal.values.shape[1])), *_in_air(signal, log.airborne or ())])
         known = values[values > 0.0]
         if known.size > _MOSTLY * values.size:
             low, middle, high = np.quantile(known, [0.05, 0.5, 0.95]).tolist()

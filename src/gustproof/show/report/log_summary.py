@@ -32,7 +32,7 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
     if not has_verdict:
         yield f"verdict: {title(flight.judgement)}" if flight.judgement else f"no verdict: {told}"
         yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
-    length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne)
+    length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne or ())
     yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, {len(log.parameters)} parameters"
     if flight.judgement is not None:
         yield f"judged on the vehicle that this log shows; {NO_MASS}"
@@ -57,7 +57,7 @@ def describe_vibration(flight: LoggedFlight) -> Iterator[str]:
     """Yield vibration, its lines, and what to do about the filters."""
     spectrum = flight.spectrum
     if spectrum is None:
-        yield "the log is too short or too slow to show vibration"
+        yield "the log is too short in the air, or too slow, to show vibration"
         return
     levels = ", ".join(f"{axis} {value:.2g}" for axis, value in zip(AXES, spectrum.vibration, strict=True))
     yield f"rms above 15 Hz and up to {spectrum.hertz[-1]:.0f} Hz: {levels} rad/s"
@@ -124,7 +124,7 @@ def flight_document(flight: LoggedFlight) -> dict[str, Any]:
     return {
         "source": flight.log.source,
         "system": flight.log.system,
-        "airborne_s": [list(each) for each in flight.log.airborne],
+        "airborne_s": [list(each) for each in flight.log.airborne or ()],
         "step_responses": [
             {
                 "loop": each.loop.value,

@@ -21,7 +21,7 @@ def identification_document(shown: ShownVehicle) -> dict[str, Any]:
     def by_axis(value: Any) -> dict[str, Any]:
         return {name: value(axis) for name, axis in zip(AXES, found.axes, strict=True)}
 
-    motors = found.motor_gains
+    motors = None if found.motor_gains is None else found.motor_gains.tolist()
     return {
         "source": found.source,
         "command_unit": found.command_unit.value,
@@ -29,7 +29,8 @@ def identification_document(shown: ShownVehicle) -> dict[str, Any]:
         "delay_s": _interval(found.delay),
         "lag_and_delay_s": _interval(found.lateness),
         "gain_rad_s2_per_unit": by_axis(lambda axis: _interval(axis.gain)),
-        "motor_gain_rad_s2": None if motors is None else dict(zip(AXES, motors.tolist(), strict=True)),
+        "motor_gain_rad_s2": motors
+        and {name: gains if axis.gain else None for name, gains, axis in zip(AXES, motors, found.axes, strict=True)},
         "damping_per_s": by_axis(lambda axis: _interval(axis.damping)),
         "gyro_noise_rad_s_rthz": by_axis(lambda axis: axis.noise),
         "held_out_r2": by_axis(lambda axis: axis.held_out_r2),
@@ -71,11 +72,12 @@ def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
         by_axis(f"gain [rad/s²{'' if torque == '1' else f' per {torque}'}]", lambda axis: _format_interval(axis.gain)),
     ]
     if found.motor_gains is not None:
-        cells = (", ".join(f"{gain:.3g}" for gain in gains) for gains in found.motor_gains.tolist())
+        told = zip(found.motor_gains.tolist(), found.axes, strict=True)
+        cells = ("–" if axis.gain is None else ", ".join(f"{gain:.3g}" for gain in gains) for gains, axis in told)
         rows.append(("of each motor at full thrust [rad/s²]", *cells))
     rows += [
         by_axis("damping [1/s]", lambda axis: _format_interval(axis.damping)),
-        by_axis("gyro noise [rad/s/√Hz]", lambda axis: f"{axis.noise:.3g}"),
+        by_axis("gyro noise [rad/s/√Hz]", lambda axis: "–" if axis.noise is None else f"{axis.noise:.3g}"),
         by_axis(
             "R² of the held-out third", lambda axis: "–" if axis.held_out_r2 is None else f"{axis.held_out_r2:.3f}"
         ),

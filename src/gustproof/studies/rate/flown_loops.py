@@ -84,7 +84,7 @@ def _compare(
     """Return the logged command of an axis (n,), and that of a loop fed with the log, in the band, each `dt` [s]."""
     band = signal.butter(2, (_BAND_HZ[0], min(_BAND_HZ[1], _PER_SAMPLE / dt)), "band", fs=1.0 / dt, output="sos")
     found = [np.zeros(0)], [np.zeros(0)]
-    for begin, end in log.airborne:
+    for begin, end in log.airborne or ():
         time = np.arange(begin, end, dt)
         if end - begin < _SHORTEST_S:
             continue

@@ -191,6 +191,7 @@ def test_a_file_is_known_by_its_names(kind: str, shipped: str) -> None:
         ("RATE_RLL_P 0.15\nSTB_YAW_P 4.5\n", "RATE_RLL_P, STB_YAW_P: names of ArduCopter before 3.4"),
         ("INS_GYRO_FILTER 20\nRATE_RLL_P 0.15\n", "RATE_RLL_P: names of ArduCopter before 3.4"),
         ("FW_RR_P 0.05\n", "FW_RR_P: of a plane"),
+        ("MC_ROLLRATE_P 0.1\nMAV_TYPE 1\nFW_RR_P 0.05\n", "MAV_TYPE 1: of a plane, only multicopters"),
         ("MC_ROLLRATE_P 0.1\nCA_AIRFRAME 10\n", "CA_AIRFRAME 10: of a helicopter, only multicopters"),
         ("ATC_RAT_RLL_P 0.1\nFRAME_CLASS 6\n", "FRAME_CLASS 6: of a helicopter, only multicopters"),
         (". ${R}etc/init.d/rc.heli_defaults\nparam set-default MC_ROLLRATE_P 0\n", "takes rc.heli_defaults"),

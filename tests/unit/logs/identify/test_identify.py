@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import GRAVITY, Vehicle, load_vehicle
@@ -17,9 +18,11 @@ from gustproof.logs.identify import identify_vehicle
 from gustproof.logs.identify.curves import Curves
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.flown_step import flown_steps
-from gustproof.logs.identify.identify_vehicle import _Axis, identify
+from gustproof.logs.identify.gyro_spectrum import gyro_spectrum
+from gustproof.logs.identify.identify_vehicle import _advise, _Axis, identify
 from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, LAG
 from gustproof.logs.identify.sparse_command import fill_command
+from gustproof.logs.identify.stretches import NEVER_FLEW, find_stretches
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.read_log import read_log
 from gustproof.types import Array, Records
@@ -281,6 +284,39 @@ def test_logs_without_commands_or_too_short_are_refused(brief):
         identify(replace(brief, airborne=((1.0, 6.0),)))
 
 
+def test_a_log_that_was_never_in_the_air_shows_nothing(brief):
+    """A vehicle on a bench answered its own commands: 74 % of its acceleration was explained."""
+    log = replace(brief, airborne=())
+    with pytest.raises(ConfigError, match="never in the air, by its landing detector or motors"):
+        identify(log)
+    steps, (reason,) = flown_steps(replace(log, rate_reference=brief.gyro))
+    assert (steps, reason.partition(": ")[2]) == ([], NEVER_FLEW)
+    assert gyro_spectrum(log) is None
+    assert find_stretches(log, brief.command) == []
+
+
+@pytest.mark.parametrize("share", [0.39, 0.41])
+def test_a_command_that_is_guessed_is_blamed_on_the_logs_rate(share):
+    """Of a vehicle that turns and answers, "it is not excited" sent its pilot to fly more, at the same rate."""
+    replicates = np.zeros((3, GAINS + 2))
+    span = SimpleNamespace(time=np.arange(0.0, 60.0))
+    axis = _Axis(
+        data=SimpleNamespace(square=False, axis=0, stretches=[span]), theta=replicates[0], replicates=replicates,
+        unexplained=1.0, filled=share, curves=SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: 0.27),
+    )  # fmt: skip
+    said = _advise(axis, "set SDLOG_PROFILE 17")
+    assert ("roll is not identified, as the log is too slow: of what" in said) is (share < 0.4)
+    assert said.endswith("set SDLOG_PROFILE 17 and fly again" if share < 0.4 else "for 30 s; set SDLOG_PROFILE 17")
+
+
+def test_noise_that_a_filter_took_away_is_not_told_as_a_bound_of_the_search(brief):
+    smooth = savgol_filter(brief.gyro.values, 25, 3, axis=0)
+    found = identify(replace(brief, gyro=LogSignal(time=brief.gyro.time, values=smooth)))
+    assert [axis.noise for axis in found.axes] == [None] * 3
+    assert any(line.startswith("gyro noise: not told of roll, pitch, yaw") for line in found.findings)
+    assert all(axis.noise is not None for axis in identify(brief).axes)
+
+
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_a_signal_of_less_than_two_samples_is_none(brief, count):
     few = LogSignal(time=brief.gyro.time[:count], values=brief.gyro.values[:count])
@@ -320,12 +356,12 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
         ({"sign": -1.0, "square": True}, True),
         ({"sign": 0.0}, False),
         ({"lag": np.log(0.001)}, True),  # a simulator without a lag
-        ({"lag": np.log(0.001), "is_filled": True}, False),  # a vehicle of 128 ms, logged at 50 Hz, was told as 1 ms
+        ({"lag": np.log(0.001), "filled": 0.9}, False),  # a vehicle of 128 ms, logged at 50 Hz, was told as 1 ms
         (
-            {"is_filled": True, "spread": 0.38},
+            {"filled": 0.9, "spread": 0.38},
             True,
         ),  # its interval is wider by 1.3: so were those of PX4's default logs
-        ({"is_filled": True, "spread": 0.4}, False),
+        ({"filled": 0.9, "spread": 0.4}, False),
         ({"lag": np.log(0.4)}, False),
         ({"delay": 0.029}, True),
         ({"delay": 0.031}, False),
@@ -337,7 +373,7 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
 )
 def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, told):
     given = {"spread": 0.0, "evidence": 11.0, "damping": 0.5, "sign": 1.0, "square": False, "lag": -3.0, "delay": 0.01}
-    given |= {"surprise": 1.0, "scale": 1.0, "is_filled": False, **changes}
+    given |= {"surprise": 1.0, "scale": 1.0, "filled": None, **changes}
     theta = np.zeros(GAINS + 2)  # one channel, and the trim
     theta[LAG], theta[DAMPING], theta[GAINS] = given["lag"], given["damping"], given["sign"] * gain
     theta[DELAY] = given["delay"]
@@ -348,7 +384,7 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
         data=SimpleNamespace(square=given["square"]),
         theta=theta, replicates=replicates, unexplained=0.0, curves=curves,
         held_out=SimpleNamespace(**{name: given[name] for name in ("surprise", "scale", "evidence")}),
-        is_filled=given["is_filled"],
+        filled=given["filled"],
     )  # fmt: skip
     assert (axis.gain is not None) == told
     if told:  # within what it is drawn with, and the hundredth that the model leaves out

@@ -36,8 +36,11 @@ def log_of_a_loop(system: str = "px4") -> tuple[FlightLog, Array]:
 def test_the_command_between_its_samples_is_the_loops():
     log, command = log_of_a_loop()
     slow = "command: 50 Hz; identification needs 100 Hz or more"
-    filled = fill_command(replace(log, findings=(slow, "gyro: 2 gaps")))
-    assert filled is not None
+    found = fill_command(replace(log, findings=(slow, "gyro: 2 gaps")))
+    assert found is not None
+    assert found.step == pytest.approx(STEP * DT)
+    assert min(found.shares) > 0.9
+    filled = found.log
     assert filled.command is not None
     assert log.command is not None
     time = DT * np.arange(len(command))
@@ -57,9 +60,9 @@ def test_a_bias_of_the_gyro_fills_in_nothing():
     plain, found = (fill_command(each) for each in (log, replace(log, gyro=biased)))
     assert plain is not None
     assert found is not None
-    assert plain.command is not None
-    assert found.command is not None
-    np.testing.assert_allclose(found.command.values, plain.command.values, atol=1e-9)
+    assert plain.log.command is not None
+    assert found.log.command is not None
+    np.testing.assert_allclose(found.log.command.values, plain.log.command.values, atol=1e-9)
 
 
 def test_filters_of_the_parameters_fill_in_best_and_steps_of_the_sticks_spoil_nothing():
@@ -82,8 +85,9 @@ def test_filters_of_the_parameters_fill_in_best_and_steps_of_the_sticks_spoil_no
 
     def share_left(each: FlightLog) -> float:
         """Return the share of the answer that is not filled in, away from steps."""
-        filled = fill_command(each)
-        assert filled is not None
+        whole = fill_command(each)
+        assert whole is not None
+        filled = whole.log
         assert filled.command is not None
         found = np.column_stack([np.interp(time, filled.command.time, column) for column in filled.command.values.T])
         calm = (np.arange(n) % 160 > STEP) & (np.arange(n) % 160 < 160 - STEP) & (time < filled.command.time[-1])
@@ -99,7 +103,8 @@ def test_a_gyro_no_closer_than_the_commands_explains_nothing_by_chance():
     log = FlightLog(source="x", system="px4", gyro=next(signals), command=next(signals))
     filled = fill_command(log)
     assert filled is not None
-    shares = [float(each) for each in re.findall(r"\d+(?=,| %)", filled.findings[-1])]
+    shares = [float(each) for each in re.findall(r"\d+(?=,| %)", filled.log.findings[-1])]
+    assert shares == pytest.approx([100.0 * share for share in filled.shares], abs=0.5)
     assert max(shares) < 10.0
 
 
@@ -119,5 +124,5 @@ def test_nothing_is_filled_in_where_the_log_has_a_gap():
     gap = replace(log, command=LogSignal(time=log.command.time[kept], values=log.command.values[kept]))
     filled = fill_command(gap)
     assert filled is not None
-    assert filled.command is not None
-    assert len(find_stretches(filled, filled.command)) == 2
+    assert filled.log.command is not None
+    assert len(find_stretches(filled.log, filled.log.command)) == 2
