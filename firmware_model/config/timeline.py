@@ -8,6 +8,17 @@ from firmware_model.config.fields import TimeWindow
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.waveforms import Step
 
+_SIDES = {
+    ("gust", False): (("forward", "backward"), ("to the right", "to the left"), ("down", "up")),
+    ("gust", True): (("to the north", "to the south"), ("to the east", "to the west"), ("down", "up")),
+    ("moment", False): (("roll", "roll minus"), ("pitch", "pitch minus"), ("yaw", "yaw minus")),
+    ("moment", True): (
+        ("about north", "about north minus"),
+        ("about east", "about east minus"),
+        ("about down", "about down minus"),
+    ),
+}
+"""Words for the two directions of each axis."""
 _EVENT_ENDS = ("for_s", "over_s", "recovers_after_s")
 
 
@@ -57,7 +68,7 @@ def _air(scenario: Scenario, kind: Literal["gust", "moment"], tables: tuple[Any,
     for table in tables:
         if not isinstance(table, TimeWindow):  # mean wind and continuous turbulence
             continue
-        text = f"{kind} {_words(str(getattr(table, 'kind', '')))}"
+        text = _strength(kind, table) + _words(str(getattr(table, "kind", "")))
         span = Span(*table.span(scenario.duration_s), kind, text)
         steps = isinstance(table, Step) and table.stop_s is None
         undone = next((i for i, (other, _) in enumerate(last) if steps and _takes_back(table, other)), None)
@@ -66,6 +77,20 @@ def _air(scenario: Scenario, kind: Literal["gust", "moment"], tables: tuple[Any,
         else:
             last[undone] = (None, last[undone][1]._replace(to_s=span.from_s))
     yield from (span for _, span in last)
+
+
+def _strength(kind: str, table: Any) -> str:
+    """Return what blows or turns where, and how hard, before the course in time; a replay has only that."""
+    if not hasattr(table, "vector"):
+        return f"{kind} "
+    vector: tuple[float, float, float] = table.vector
+    sides, unit = _SIDES[kind, table.is_earth_frame], "m/s" if kind == "gust" else "N m"
+    along = [
+        f"{ends[0] if value > 0.0 else ends[1]} {abs(value):.3g}"
+        for ends, value in zip(sides, vector, strict=True)
+        if abs(value) > 1e-9 * max(map(abs, vector))  # a bearing's sine may miss 0
+    ]
+    return f"{kind} {', '.join(along)} {unit}, " if along else f"{kind} "
 
 
 def _takes_back(table: Any, other: Any) -> bool:

@@ -37,6 +37,14 @@ def analyse(
             help="Write Bode plot, sensitivities, mu, step and gust response here (.png, .pdf, .svg or .pgf).",
         ),
     ] = None,
+    panels: Annotated[
+        str,
+        typer.Option(
+            help="Panels of the figure: loop, sensitivity, phase, mu, spreads, step, torque, gust; in a paper the "
+            "first two and the last. [default: all]",
+            show_default=False,
+        ),
+    ] = "",
     style: FigureLook = FigureStyle.SCREEN,
     data: FigureData = False,
     force: Force = False,
@@ -46,7 +54,7 @@ def analyse(
 
     gustproof analyse hinf-scheduled -o hinf-scheduled.png
 
-    gustproof analyse hinf-scheduled -o loop.pdf --style paper --data
+    gustproof analyse hinf-scheduled -o loop.pdf --style paper --panels loop,gust --data
 
     gustproof analyse mine.mat --vehicle iris --json
     """
@@ -71,7 +79,8 @@ def analyse(
             from gustproof.show.report.figures import save_analysis
 
             with figures_as(style, data=data):
-                save_analysis(analysis, axis_robustness_over_frequency(read, airframe, script), output)
+                chosen = [name.strip() for name in panels.split(",") if name.strip()]
+                save_analysis(analysis, axis_robustness_over_frequency(read, airframe, script), output, chosen=chosen)
     except (ValueError, OverflowError) as error:  # numbers beyond a matrix routine or an axis
         raise ConfigError(f"law '{read.name}' cannot be analysed on vehicle '{airframe.name}': {error}") from None
     if as_json:

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 def doctor(as_json: AsJson = False) -> None:
     """Check this installation: versions, folder, ports, compile cache, real-time rights, autopilots, a test flight.
 
-    Each line is OK, warning or fault, with the remedy. A warning leaves flights as they are: something is slower, or
-    one option is missing. The first run after an installation compiles the simulator, which takes up to a minute.
+    Each line is OK, absent, warning or fault, with the remedy. Absent is what one option alone needs. A warning leaves
+    flights as they are: something is slower, or one option is missing. The first run after an installation compiles
+    the simulator, which takes up to a minute.
 
         gustproof doctor
 

@@ -48,6 +48,7 @@ class Status(Enum):
     """Result of one check."""
 
     OK = "OK"
+    ABSENT = "absent"  # not there, and needed by one option alone
     WARNING = "warning"  # flights work; something is slower, or one command is missing
     FAULT = "fault"  # flights do not work
 
@@ -159,7 +160,7 @@ def check_autopilot(kind: str, find: Callable[[Path | None], Path]) -> Check:
     try:
         build = find(None)
     except ConfigError as error:
-        return Check(kind, Status.OK, f"not found, and needed for --autopilot {kind} alone: {error}")
+        return Check(kind, Status.ABSENT, f"not found, and needed for --autopilot {kind} alone: {error}")
     version = read_version(kind, build)
     if doubt := doubt_version(kind, version):
         return Check(kind, Status.WARNING, f"{build}: {version}", f"{doubt}: look at the first flight's warnings")

@@ -24,11 +24,15 @@ _WIDE = {**_RIGHT, "min_width": 18}  # characters of an interval
 _NARROW: dict[str, Any] = {"justify": "right", "no_wrap": True}
 IMPORTANCE_FIGURE = "rmse_deg"
 """Figure whose dependence on the dispersions is shown."""
+SCATTERED_FIGURE = "peak_deg"
+"""Figure whose cases are drawn one by one."""
 
 
 def render_campaign(found: CampaignStatistics) -> Renderable:
     """Return figures with confidence, pass rates, importances, comparisons, and how to fly a run again."""
-    caption = f"Below each value: its {100.0 * CONFIDENCE:g} % confidence interval"
+    caption = (
+        f"Below each value: its {100.0 * CONFIDENCE:g} % confidence interval; ≥: so few runs bound it from below only"
+    )
     columns = {"law, figure": _FIRST, "median": _WIDE, "95th percentile": _WIDE, "worst": _NARROW, "run": _NARROW}
     parts: list[Renderable] = [_law_table(found, describe_campaign(found.campaign), columns, _figure_rows, caption)]
     if found.campaign.scenario.require:
@@ -80,36 +84,54 @@ def describe_campaign(campaign: Campaign) -> str:
     drawn = ", ".join(campaign.spreads)
     laws = ", ".join(law.name for law in campaign.laws)
     vehicle, how = campaign.vehicles.document["name"], f"{campaign.sampling.value}, seed {campaign.seed}"
-    cases = f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} cases with {laws}"
+    cases = (
+        f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} case{'s' * (campaign.cases != 1)} with {laws}"
+    )
     return f"{cases}; each case draws ({how}): {drawn}"
 
 
 def format_estimate(estimate: IntervalEstimate) -> tuple[str, str]:
-    """Return a figure and its interval."""
+    """Return a figure and its interval; one without an upper end as the bound that it is."""
+    if math.isfinite(estimate.low) and estimate.high == math.inf:
+        return format_value(estimate.value), f"≥ {format_value(estimate.low)}"
     return format_value(estimate.value), f"{format_value(estimate.low)} .. {format_value(estimate.high)}"
 
 
 def format_share(estimate: IntervalEstimate) -> tuple[str, str]:
     """Return a share in percent and its interval."""
-    value, low, high = (f"{100.0 * each:.4g}" for each in estimate)
+    value, low, high = map(_format_percent, estimate)
     return f"{value} %", f"{low} .. {high}"
 
 
+def _format_percent(share: float) -> str:
+    """Return a share in percent with two digits of what is left to 0 or 100: only all is 100, only none 0."""
+    left = 100.0 * min(share, 1.0 - share)
+    if not left > 0.0:
+        return f"{100.0 * share:.4g}"
+    return f"{100.0 * share:.{max(0, 1 - math.floor(math.log10(left)))}f}"
+
+
 def format_value(value: float) -> str:
-    """Return a figure with four digits; a dash if it is unknown."""
-    return f"{value:.4g}" if math.isfinite(value) else "∞" if value > 0.0 else "–"
+    """Return a figure with three digits, a large one as a whole number; a dash if it is unknown."""
+    if not math.isfinite(value):
+        return "∞" if value > 0.0 else "–"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
-    """Yield a line for each pair of laws and figure: the share of cases in which one is lower, and by how much."""
+    """Yield a line for each pair of laws and figure: by how much one is lower on average, and in how many cases."""
     for duel in found.duels:
         (label, unit), (value, interval) = FIGURES[duel.figure], format_share(duel.lower)
-        mean, within = format_estimate(duel.difference)
-        effect = f", effect size {format_value(duel.effect)}" if math.isfinite(duel.effect) else ""
-        yield (
-            f"{label}: {duel.law} is below {duel.other} in {value} ({interval}) of the cases; "
-            f"mean difference {mean} ({within}) {unit}{effect}"
-        )
+        mean, low, high = duel.difference
+        by, within = format_value(abs(mean)), f"{format_value(min(abs(low), abs(high)))} .. "
+        within += format_value(max(abs(low), abs(high)))
+        if mean == 0.0 == low == high:
+            beside = f"the same as {duel.other} in every case"
+        elif not low * high > 0.0:
+            beside = f"not told apart from {duel.other} on average ({format_value(low)} .. {format_value(high)} {unit})"
+        else:
+            beside = f"{'lower' if mean < 0.0 else 'higher'} than {duel.other} by {by} {unit} ({within}) on average"
+        yield f"{label}: {duel.law} is {beside}, lower in {value} ({interval}) of the cases"
 
 
 def _law_table(

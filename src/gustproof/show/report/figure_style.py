@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".pdf", ".svg", ".pgf")
 """Suffixes of figures."""
+_MOST_POINTS = 2000  # of a curve beside a figure: more than a column has dots
 _COLUMN_IN = 3.5  # width of a column in a journal of two columns
 _PAPER: Any = {
     "font.family": "serif",
@@ -138,8 +139,13 @@ def _check_format(suffix: str | None) -> None:
 
 
 def save_data(figure: "Figure", path: Path) -> None:
-    """Write the curves of a figure: panel, curve, label of x, label of y, x, y in each row."""
+    """Write the curves of a figure: panel, curve, label of x, label of y, x, y in each row.
+
+    Of a long curve, as of a flight, the lowest and the highest sample of each section are written.
+    """
     import numpy as np
+
+    from gustproof.show.report.thinned import decimate
 
     with StringIO(newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
@@ -151,6 +157,7 @@ def save_data(figure: "Figure", path: Path) -> None:
                     continue
                 name = str(line.get_label())
                 named = "" if name.startswith("_") else name
-                points = np.asarray(line.get_xydata(), dtype=float).tolist()
+                x, y = np.asarray(line.get_xydata(), dtype=float).T
+                points = zip(*decimate(x, y, _MOST_POINTS), strict=True)
                 table.writerows((number + 1, *map(quote_text, (named, *labels)), *point) for point in points)
         write_files({path: stream.getvalue()})

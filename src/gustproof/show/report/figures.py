@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter
 
+from firmware_model.errors import ConfigError
 from firmware_model.types import AXES
 from gustproof.airframe.lpv import PARAMETERS, scheduling_parameters
 from gustproof.airframe.tradeoff import TradeOff
@@ -26,27 +29,29 @@ from gustproof.types import Array, Records
 
 Flights = Mapping[str, Records]
 
-# Okabe and Ito's palette: colour-blind readers can tell it apart, also on grey paper.
+# No two laws have one hue: these are 25 degrees apart, or grey and black. Four are of Okabe and Ito's palette.
 _COLOURS = {
     "pid-default": "#999999",
     "hinf-d1": "#0072b2",
-    "hinf-d1-noise": "#56b4e9",
+    "hinf-d1-noise": "#5b4bd6",
     "hinf-d2": "#009e73",
     "pid-fair": "#d55e00",
     "hinf-scheduled": "#000000",
-    "hinf-rates": "#cc79a7",
-    "indi": "#8c510a",
-    "flagship": "#882255",
-    "flagship-robust": "#aa4499",
-    "aided": "#117733",
+    "hinf-rates": "#d6304a",
+    "indi": "#559911",
+    "flagship": "#aa2277",
+    "flagship-robust": "#9a3fd1",
+    "aided": "#8a7d00",
 }
-_DEFAULT_COLOUR = "#e69f00"
+_DEFAULT_COLOUR = "#22a01f"
 _SHADES = ("#c9b8e8", "#7b5cc4", "#3d1f8f")  # of limits: darker for more slew
 _INK, _GRID = "#333333", "#dddddd"
 _CURVES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00")
 _MOST_TRACES = 4  # noisy traces in one panel that an eye can tell apart
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
 _MOST_DB = 80.0
+_LEAST_SENSITIVITY_DB = -40.0  # smaller sensitivities would flatten the peaks
+_SPREADS = f"inertia ±{SPREADS.inertia:.0%}, lag ±{SPREADS.actuator_lag:.0%}"
 _GAINS = (1e-4, 1e15)
 """[-] range of the drawn gains."""
 _ROUNDING = 1e-6
@@ -142,7 +147,7 @@ def save_singular_values(
         lines[0].set_label(f"{name}, peak {peak:.2f}" if name[0] in "ST" else name)
         bound, label = (level, f"γ = {level:.4g}") if name == "w to z" else (1.0, "0 dB")
         axes.axhline(20.0 * math.log10(bound), color="#d55e00", linestyle="--", linewidth=1.0, label=label)
-        _limit_floor(axes)
+        _limit_floor(axes, 20.0 * math.log10(_GAINS[0]))
         _style_axes(axes, "singular values [dB]", x_label="frequency [rad/s]")
         axes.set_xlim(frequency[0], frequency[-1])
         axes.legend(frameon=False, fontsize=font_size(9), loc="lower left" if name == "w to z" else "best")
@@ -211,41 +216,73 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
     save_figure(figure, path)
 
 
-def save_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency], path: Path) -> None:
+def save_analysis(
+    analysis: Analysis, robustness: Sequence[RobustnessOverFrequency], path: Path, *, chosen: Sequence[str] = ()
+) -> None:
     """Write the figure of `draw_analysis`."""
-    save_figure(draw_analysis(analysis, robustness), path)
+    save_figure(draw_analysis(analysis, robustness, chosen=chosen), path)
 
 
-def draw_analysis(analysis: Analysis, robustness: Sequence[RobustnessOverFrequency] = ()) -> Figure:
-    """Draw Bode plot and sensitivities of a torque law, and its flights through a moment step and the scenario.
+PANELS = ("loop", "sensitivity", "phase", "mu", "spreads", "step", "torque", "gust")
+"""Panels of an analysis."""
+_PAPER_PANELS = ("loop", "sensitivity", "gust")  # as many as a column holds beside text
 
-    With the `robustness` of roll, pitch and yaw two panels show mu and the sensitivity over the spreads.
+
+def draw_analysis(
+    analysis: Analysis, robustness: Sequence[RobustnessOverFrequency] = (), *, chosen: Sequence[str] = ()
+) -> Figure:
+    """Draw the `chosen` of `PANELS`: Bode plot and sensitivities of a torque law, its flights in a step and the gusts.
+
+    Without a choice all are drawn, in a paper three. With the `robustness` of roll, pitch and yaw two panels show mu
+    and the sensitivity over the spreads.
+
+    Raises
+    ------
+    ConfigError
+        If a chosen panel is unknown, or the law has none.
     """
-    has_loop = bool(len(analysis.hover.loop))
-    rows, columns = (3 + bool(robustness), 2) if has_loop else (1, 3)
-    figure = _new_figure((11.0, 2.7 * rows if has_loop else 3.4), f"{analysis.law.name}: {analysis.scenario.name}")
+    known = _analysis_panels(analysis, robustness)
+    names = _choose_panels(known, chosen, analysis.law.name)
+    columns = len(names) if len(names) < 4 else 2
+    rows = -(-len(names) // columns)
+    size = (3.7 * columns, 3.4) if rows == 1 else (11.0, 2.7 * rows)
+    figure = _new_figure(size, f"{analysis.law.name}: {analysis.scenario.name}")
     drawn = panels(figure, rows, columns)
-    flights = drawn[-3:]
-    if has_loop:
-        gain, S, phase = drawn[:3]
-        _draw_loop(analysis.hover, gain, phase, S)
-    if has_loop and robustness:
-        _draw_robustness(robustness, *drawn[3:5])
-    height = ", ".join(f"{value:g}" for value in analysis.step_moment)
-    stepped, flown = analysis.step_records, analysis.records
-    for axes, records, values, label, title in zip(
-        flights,
-        (stepped, flown, flown),
-        (np.degrees(attitude(stepped)), flown["torque_command_B"], np.degrees(attitude(flown))),
-        ("angles [deg]", "torque command [N m]", "angles [deg]"),
-        (f"moment step, {height} N m", "flown", "flown"),
-        strict=True,
-    ):
-        for column, axis, colour in zip(values.T, AXES, _AXIS_COLOURS, strict=True):
-            axes.plot(_time(records), column, color=colour, linewidth=1.0, label=axis)
-        _style_axes(axes, label, title, "time [s]")
-    flights[0].legend(frameon=False, fontsize=font_size(8))
+    for axes, name in zip(drawn, names, strict=False):
+        known[name](axes)
+    for axes in drawn[len(names) :]:
+        axes.remove()
     return figure
+
+
+def _choose_panels(known: Iterable[str], chosen: Sequence[str], law: str) -> Sequence[str]:
+    """Return the chosen of the `known` panels; those of the look if none is."""
+    if unknown := [name for name in chosen if name not in PANELS]:
+        raise ConfigError(f"no panel named '{unknown[0]}': known are {', '.join(PANELS)}")
+    if absent := [name for name in chosen if name not in known]:
+        raise ConfigError(f"law '{law}' has no panel '{absent[0]}', only {', '.join(known)}")
+    return chosen or [name for name in known if not is_paper() or name in _PAPER_PANELS] or [*known]
+
+
+def _analysis_panels(
+    analysis: Analysis, robustness: Sequence[RobustnessOverFrequency]
+) -> dict[str, Callable[[Axes], None]]:
+    """Return what draws each panel that there is."""
+    hover, stepped, flown = analysis.hover, analysis.step_records, analysis.records
+    height = ", ".join(f"{value:g}" for value in analysis.step_moment)
+    found: dict[str, Callable[[Axes], None]] = {}
+    if len(hover.loop):
+        found |= {"loop": partial(_draw_gain, hover), "sensitivity": partial(_draw_sensitivities, hover)}
+        found["phase"] = partial(_draw_phase, hover)
+        if robustness:
+            found |= {"mu": partial(_draw_mu, robustness), "spreads": partial(_draw_spreads, robustness)}
+    for name, records, values, label, title in (
+        ("step", stepped, np.degrees(attitude(stepped)), "angles [deg]", f"moment step, {height} N m"),
+        ("torque", flown, flown["torque_command_B"], "torque [N m]", f"flown: {analysis.scenario.name}"),
+        ("gust", flown, np.degrees(attitude(flown)), "angles [deg]", f"flown: {analysis.scenario.name}"),
+    ):
+        found[name] = partial(_draw_flown, _time(records), values, label, title)
+    return found
 
 
 def draw_distributions(campaign: str, values: Mapping[str, Mapping[str, Array]]) -> Figure:
@@ -262,63 +299,100 @@ def draw_distributions(campaign: str, values: Mapping[str, Mapping[str, Array]])
     return figure
 
 
-def _draw_robustness(robustness: Sequence[RobustnessOverFrequency], mu: Axes, S: Axes) -> None:
-    """Draw steps that are proved on each band of frequency, and below them, dotted, what members tried attain."""
+def _draw_flown(time: Array, values: Array, label: str, title: str, axes: Axes) -> None:
+    """Draw three axes (n, 3) over time [s]; that which changes least lies on top, as others would hide it."""
+    order = np.argsort(np.argsort(-np.nansum(np.abs(np.diff(values, axis=0)), axis=0)))
+    for column, axis, colour, place in zip(values.T, AXES, _AXIS_COLOURS, order.tolist(), strict=True):
+        axes.plot(
+            time, column, color=colour, linewidth=0.6 if is_paper() else 1.0, label=axis, zorder=2.0 + 0.1 * place
+        )
+    _finish_panel(axes, label, title, "time [s]")
+
+
+def _draw_mu(robustness: Sequence[RobustnessOverFrequency], axes: Axes) -> None:
+    """Draw mu as steps that are proved on each band of frequency, and below them, dotted, what members tried attain."""
     for axis, found, colour in zip(AXES, robustness, _AXIS_COLOURS, strict=True):
-        for axes, proved, sampled in (
-            (mu, found.mu_proved, np.where(found.mu_found > 0.0, found.mu_found, np.nan)),
-            (S, _decibels(found.S_proved), _decibels(found.S_found)),
-        ):
-            steps = np.where(np.isfinite(proved), proved, np.nan)
-            axes.step(found.omega, np.append(steps, steps[-1]), where="post", color=colour, linewidth=1.2, label=axis)
-            middle = np.sqrt(found.omega[1:] * found.omega[:-1])
-            axes.plot(middle, sampled, color=colour, linestyle=":", marker=".", markersize=3.0, linewidth=0.9)
-    spreads = f"inertia ±{SPREADS.inertia:.0%}, lag ±{SPREADS.actuator_lag:.0%}"
-    for axes, label, title in (
-        (mu, "mu [-]", f"mu, {spreads}"),
-        (S, "|S| [dB]", f"sensitivity over {spreads}"),
-    ):
-        axes.set_xscale("log")
-        _style_axes(axes, label, f"{title}: steps proved, dots sampled", "frequency [rad/s]")
+        tried = np.where(found.mu_found > 0.0, found.mu_found, np.nan)
+        _draw_bands(axes, found, found.mu_proved, tried, axis, colour)
     floor = robustness[0].mu_floor
-    mu.axhline(
-        floor, color=_INK, linestyle="--", linewidth=0.8, label=f"{1.0 / floor:.2g} times the spreads: search ends"
-    )
-    mu.set_ylim(bottom=0.0)
-    _limit_floor(S)
-    mu.legend(frameon=False, fontsize=font_size(8), loc="lower left")
+    label = f"{1.0 / floor:.2g} times the spreads: search ends"
+    axes.axhline(floor, color=_INK, linestyle="--", linewidth=0.8, label=label)
+    axes.set_ylim(bottom=0.0)
+    _finish_panel(axes, "mu [-]", f"mu, {_SPREADS}: steps proved, dots sampled", "frequency [rad/s]")
 
 
-def _draw_loop(hover: HoverLoop, gain: Axes, phase: Axes, S: Axes) -> None:
-    """Draw gain [dB] and phase of the loop at the plant's input axis by axis, with its margins, and sensitivities."""
+def _draw_spreads(robustness: Sequence[RobustnessOverFrequency], axes: Axes) -> None:
+    """Draw the sensitivity over the spreads: proved steps, and dotted what members tried attain."""
+    for axis, found, colour in zip(AXES, robustness, _AXIS_COLOURS, strict=True):
+        _draw_bands(axes, found, _decibels(found.S_proved), _decibels(found.S_found), axis, colour)
+    _finish_panel(axes, "|S| [dB]", f"|S|, {_SPREADS}: steps proved, dots sampled", "frequency [rad/s]")
+    _limit_floor(axes, _LEAST_SENSITIVITY_DB)
+
+
+def _draw_bands(
+    axes: Axes, found: RobustnessOverFrequency, proved: Array, sampled: Array, label: str, colour: str
+) -> None:
+    steps = np.where(np.isfinite(proved), proved, np.nan)
+    axes.step(found.omega, np.append(steps, steps[-1]), where="post", color=colour, linewidth=1.2, label=label)
+    middle = np.sqrt(found.omega[1:] * found.omega[:-1])
+    axes.plot(middle, sampled, color=colour, linestyle=":", marker=".", markersize=3.0, linewidth=0.9)
+    axes.set_xscale("log")
+
+
+def _draw_gain(hover: HoverLoop, axes: Axes) -> None:
+    """Draw the gain of the loop at the plant's input axis by axis [dB], with gain margins and crossovers."""
+    for i, (axis, values, colour) in enumerate(zip(AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
+        label = axis
+        if hover.margins is not None:
+            label = f"{axis}: GM {20.0 * math.log10(hover.margins.input[i].gain_margin):.1f} dB"
+        axes.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
+    _mark_crossovers(hover, axes)
+    axes.axhline(0.0, color=_INK, linestyle="--", linewidth=0.8)
+    _finish_panel(axes, "|L| [dB]", "loop at the plant's input", "frequency [rad/s]")
+    _limit_floor(axes, 20.0 * math.log10(_GAINS[0]))
+
+
+def _draw_phase(hover: HoverLoop, axes: Axes) -> None:
+    """Draw the phase of the loop at the plant's input axis by axis [deg], with phase margins and crossovers."""
     for i, (axis, values, colour) in enumerate(zip(AXES, hover.loop.T, _AXIS_COLOURS, strict=True)):
         angles = np.degrees(np.unwrap(np.angle(values)))
         turns = 360.0 * np.ceil(angles[0] / 360.0)
-        label, legend = axis, ""
+        label = axis
         if hover.margins is not None:
             margins = hover.margins.input[i]
-            label = f"{axis}: GM {20.0 * math.log10(margins.gain_margin):.1f} dB"
-            legend = f"{axis}: PM {math.degrees(margins.phase_margin):.0f} deg at {margins.crossover:.3g} rad/s"
-            for axes in (gain, phase) if 0.0 < margins.crossover < math.inf else ():
-                axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
-        gain.semilogx(hover.omega, _decibels(np.abs(values)), color=colour, linewidth=1.2, label=label)
-        phase.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=legend or axis)
-    gain.axhline(0.0, color=_INK, linestyle="--", linewidth=0.8)
-    phase.axhline(-180.0, color=_INK, linestyle="--", linewidth=0.8)
+            at = "" if is_paper() else f" deg at {margins.crossover:.3g} rad/s"
+            label = f"{axis}: PM {math.degrees(margins.phase_margin):.0f}{at or '°'}"
+        axes.semilogx(hover.omega, angles - turns, color=colour, linewidth=1.2, label=label)
+    _mark_crossovers(hover, axes)
+    axes.axhline(-180.0, color=_INK, linestyle="--", linewidth=0.8)
+    _finish_panel(axes, "arg L [deg]", "loop at the plant's input", "frequency [rad/s]")
+
+
+def _mark_crossovers(hover: HoverLoop, axes: Axes) -> None:
+    for margins, colour in zip(hover.margins.input if hover.margins else (), _AXIS_COLOURS, strict=False):
+        if 0.0 < margins.crossover < math.inf:
+            axes.axvline(margins.crossover, color=colour, linestyle=":", linewidth=0.9)
+
+
+def _draw_sensitivities(hover: HoverLoop, axes: Axes) -> None:
+    """Draw the largest singular values of S and T at the plant's input [dB], with a dot at each peak."""
     for (name, values), colour in zip(hover.sensitivities.items(), _AXIS_COLOURS, strict=False):
-        peak = float(np.max(values))
-        label = f"largest of {name}, peak {peak:.2f}"
-        S.semilogx(hover.omega, _decibels(values), color=colour, linewidth=1.2, label=label)
-        S.axhline(float(_decibels(np.array(peak))), color=colour, linestyle=":", linewidth=0.9)
-    for axes, label, title in (
-        (gain, "|L| [dB]", "loop at the plant's input"),
-        (phase, "arg L [deg]", "loop at the plant's input"),
-        (S, "singular value [dB]", "sensitivity at the plant's input"),
-    ):
-        _style_axes(axes, label, title, "frequency [rad/s]")
-        axes.legend(frameon=False, fontsize=font_size(8), loc="lower left")
-    for axes in (gain, S):
-        _limit_floor(axes)
+        peak, gains = int(np.argmax(values)), _decibels(values)
+        label = f"{name}, peak {values[peak]:.2f}"
+        axes.semilogx(hover.omega, gains, color=colour, linewidth=1.2, label=label)
+        axes.semilogx(hover.omega[peak], gains[peak], "o", color=colour)
+    _finish_panel(axes, "singular value [dB]", "sensitivities at the plant's input", "frequency [rad/s]")
+    _limit_floor(axes, _LEAST_SENSITIVITY_DB)
+
+
+def _finish_panel(axes: Axes, label: str, title: str, x_label: str) -> None:
+    """Write labels and the legend: in a paper above the panel, in place of its title, which the caption has."""
+    _style_axes(axes, label, "" if is_paper() else title, x_label)
+    if is_paper():
+        above: dict[str, Any] = {"bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "handlelength": 1.0}
+        axes.legend(frameon=False, fontsize=6.0, loc="lower left", ncols=3, columnspacing=0.8, **above)
+    else:
+        axes.legend(frameon=False, fontsize=font_size(8), loc="lower left" if "frequency" in x_label else "best")
 
 
 def _draw_stacked(
@@ -397,10 +471,10 @@ def _decibels(gains: Array) -> Array:
     return np.asarray(20.0 * np.log10(np.clip(gains, 0.1 * _GAINS[0], _GAINS[1])))
 
 
-def _limit_floor(axes: Axes) -> None:
-    """Cut an axis [dB] below the least drawn gain, and where the loop's gain is large whatever it is."""
+def _limit_floor(axes: Axes, least: float) -> None:
+    """Cut an axis [dB] below the `least` drawn gain [dB], and where the loop's gain is large whatever it is."""
     low, high = axes.get_ylim()
-    axes.set_ylim(max(low, 20.0 * math.log10(_GAINS[0])), min(high, _MOST_DB))
+    axes.set_ylim(max(low, least), min(high, _MOST_DB))
 
 
 def _new_figure(size: tuple[float, float], title: str) -> Figure:
@@ -422,12 +496,13 @@ def _colour(law: str) -> str:
 
 def _colours(laws: Iterable[str]) -> dict[str, str]:
     """Return the colour of each law in one figure: laws of the user's own get those that no other has."""
-    found: dict[str, str] = {}
-    for law in laws:
-        own = _colour(law)
-        free = (own, _DEFAULT_COLOUR, *_CURVES, *_COLOURS.values())
-        found[law] = own if law in _COLOURS else next((each for each in free if each not in found.values()), own)
-    return found
+    names = list(laws)
+    found = {law: _COLOURS[law] for law in names if law in _COLOURS}
+    for law in names:
+        if law not in found:
+            free = (_colour(law), _DEFAULT_COLOUR, *_COLOURS.values())
+            found[law] = next((each for each in free if each not in found.values()), _colour(law))
+    return {law: found[law] for law in names}
 
 
 def _time(records: Records) -> Array:

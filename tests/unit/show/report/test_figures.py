@@ -1,9 +1,13 @@
 """Figures are drawn, of the flights and the objects that are given."""
 
+import colorsys
 import csv
+import re
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,3 +219,27 @@ def test_a_diagram_of_anything_else_is_refused():
     blocks = tuple(replace(block, name="motor") if block.name == "actuators" else block for block in problem.blocks)
     with pytest.raises(ValueError, match="'motor' has no place"):
         diagrams.place_nodes(replace(problem, blocks=blocks))
+
+
+def hues(colours: Iterable[str]) -> list[float]:
+    """Return the hues [deg] of the colours that are not grey."""
+    parts = [tuple(int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)) for colour in colours]
+    return [360.0 * colorsys.rgb_to_hls(*rgb)[0] for rgb in parts if max(rgb) - min(rgb) > 0.15]
+
+
+def test_colours_of_two_laws_are_never_of_one_hue():
+    styles = Path(figures.__file__).with_name("assets") / "page.css"
+    pages = [re.findall(r"--c\d: (#\w{6})", line) for line in styles.read_text().splitlines() if "--c0" in line]
+    assert [len(colours) for colours in pages] == [7, 7]  # light and dark
+    for colours in (*pages, [*figures._COLOURS.values(), figures._DEFAULT_COLOUR]):
+        found = sorted(hues(colours))
+        assert len(found) >= 6
+        gaps = [b - a for a, b in pairwise([*found, found[0] + 360.0])]
+        assert min(gaps) > 24.0
+
+
+def test_laws_of_the_user_take_no_shipped_law_s_colour():
+    found = figures._colours(["mine", "flagship", "other"])
+    assert list(found) == ["mine", "flagship", "other"]
+    assert len(set(found.values())) == 3
+    assert found["flagship"] == figures._COLOURS["flagship"]

@@ -12,10 +12,11 @@ import pytest
 from rich.console import Console
 
 from firmware_model.errors import ConfigError
-from gustproof.show.report.campaign import format_comparisons, render_campaign
+from gustproof.show.report.campaign import format_comparisons, format_estimate, format_share, render_campaign
 from gustproof.show.report.html.campaign_page import render_campaign_page
 from gustproof.show.report.summary_files import save_csv, save_latex
 from gustproof.show.report.terminal import save_text
+from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.plan import DispersionKind
 from gustproof.studies.campaign.reader import read_campaign_metadata, read_run
 from gustproof.studies.campaign.runner import fly_campaign
@@ -112,9 +113,9 @@ def test_laws_are_compared_case_by_case(table):
     duels = {duel.figure: duel.lower.value for duel in compute_statistics(table).duels}
     assert duels["rmse_deg"] == 0.0  # never below, in any case: 2 + d against (2 + d) / 2
     assert duels["torque_slew_rms"] == 0.0  # equal is not below
-    assert next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line).startswith(
-        "RMSE: hinf-d1 is below pid-fair in 0 % (0 .. "
-    )
+    line = next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line)
+    assert line.startswith("RMSE: hinf-d1 is higher than pid-fair by ")
+    assert " on average, lower in 0 % (0 .. " in line
 
 
 def test_differences_case_by_case_have_intervals_and_an_effect_size(table):
@@ -125,8 +126,7 @@ def test_differences_case_by_case_have_intervals_and_an_effect_size(table):
     assert duel.effect == pytest.approx(np.mean(differences) / np.std(differences, ddof=1))
     assert duel.difference.low < duel.difference.value < duel.difference.high
     line = next(line for line in format_comparisons(compute_statistics(table)) if "RMSE" in line)
-    assert f"mean difference {duel.difference.value:.4g} (" in line
-    assert f" deg, effect size {duel.effect:.4g}" in line
+    assert f" by {duel.difference.value:.3g} deg ({duel.difference.low:.3g} .. " in line
 
 
 def test_one_case_has_a_difference_and_no_effect_size():
@@ -175,7 +175,9 @@ def test_text_and_page_tell_the_same(table, tmp_path):
         assert "95 %" in shown
     assert page == render_campaign_page(table)
     assert "http" not in page.replace("http-equiv", "")
-    assert page.count("<svg") == 2 * (len(FIGURES) - 1) + len(found.campaign.spreads)  # the slew is 1 in every run
+    drawn = 2 * (len(FIGURES) - 1) + 2 * len(found.campaign.spreads)  # the slew is 1 in every run
+    assert page.count("<svg") == drawn
+    assert page.count('class="dots"') == len(found.laws) * len(found.campaign.spreads)
     assert "torque slew rms [N m/s]: 1 in every run" in page
 
 
@@ -236,3 +238,20 @@ def test_runs_that_tilt_past_the_horizon_are_counted_and_warned_of(planned, tmp_
     line = "'hinf-d1' tilted past 90 deg in 4 of 40 runs"
     assert found.warnings[-2:] == (line, line.replace("hinf-d1", "pid-fair"))
     assert "tilted past 90 deg in 4 of 40 runs" in render_campaign_page(path)
+
+
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [
+        ((53 / 60, 0.7743, 0.9518), ("88 %", "77 .. 95.2")),
+        ((99_998 / 100_000, 0.999928, 1.0), ("99.9980 %", "99.9928 .. 100")),
+        ((1.0, 0.94, 1.0), ("100 %", "94.0 .. 100")),
+        ((0.0, 0.0, 3.7e-5), ("0 %", "0 .. 0.0037")),
+    ],
+)
+def test_a_share_is_rounded_to_all_or_none_only_if_it_is(share, told):
+    assert format_share(IntervalEstimate(*share)) == told
+
+
+def test_a_quantile_without_an_upper_end_is_told_as_a_bound():
+    assert format_estimate(IntervalEstimate(0.07, 0.06362, math.inf)) == ("0.07", "≥ 0.0636")

@@ -6,10 +6,12 @@ import pytest
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.flight.scoring.metrics import measure
 from gustproof.law.form import load_law
 from gustproof.show.report import figures
+from gustproof.show.report.figure_style import FigureStyle, figures_as
 from gustproof.show.report.laws import render_analysis
 from gustproof.show.report.terminal import save_text
 from gustproof.studies.rate.analyse import analyse
@@ -133,7 +135,7 @@ def test_the_figure_is_cut_below_what_matters_and_before_half_the_sample_rate(sc
     gain, S, phase, *_ = drawn[0].axes
     for axes in (gain, S, phase):
         assert all(line.get_xdata()[-1] < 0.99 * np.pi / 0.004 for line in axes.lines if len(line.get_xdata()) > 2)
-    assert [axes.get_ylim()[0] for axes in (gain, S)] == [-80.0, -80.0]  # dB
+    assert [axes.get_ylim()[0] for axes in (gain, S)] == [-80.0, -40.0]  # dB
     assert all(np.max(np.abs(np.diff(line.get_ydata()))) < 15.0 for line in phase.lines)
 
 
@@ -147,3 +149,20 @@ def test_the_figure_has_bode_sensitivities_step_and_air(scheduled, drawn, tmp_pa
     assert [len(axes.lines) for axes in (gain, S, phase, step, torque, air)] == [7, 4, 7, 3, 3, 3]
     assert phase.lines[0].get_ydata()[0] <= 0.0
     assert np.ptp(step.lines[0].get_ydata()) > 0.0
+
+
+def test_a_paper_s_figure_has_the_chosen_panels_with_their_legends_above(scheduled, drawn, tmp_path):
+    with figures_as(FigureStyle.PAPER, data=True):
+        figures.save_analysis(scheduled, (), tmp_path / "few.png")
+        figures.save_analysis(scheduled, (), tmp_path / "x.png", chosen=("sensitivity", "gust"))
+    assert [len(figure.axes) for figure in drawn] == [3, 2]
+    drawn[1].draw_without_rendering()
+    for axes in drawn[1].axes:
+        assert not axes.get_title()
+        assert axes.get_legend().get_window_extent().y0 >= axes.get_window_extent().y1 - 1.0
+    rows = (tmp_path / "x.csv").read_text().count("\n")
+    assert 1000 < rows < 4 * 400 + 3 * 2000 + 10  # no curve has more than 2000 points
+    with pytest.raises(ConfigError, match="no panel named 'gain'"):
+        figures.draw_analysis(scheduled, chosen=("gain",))
+    with pytest.raises(ConfigError, match="has no panel 'mu', only loop, sensitivity, phase, step, torque, gust"):
+        figures.draw_analysis(scheduled, chosen=("mu",))

@@ -33,8 +33,9 @@ function tableOf(chart) {
   return same ? [curves[0][0], ...curves.map(([, y]) => y)] : uPlot.join(curves.map(([x, y]) => [x, y]));
 }
 
-function seriesOf(curve, kind, k) {
+function seriesOf(curve, kind, k, faded) {
   const series = { label: curve.label, stroke: () => colourOf(curve), width: 1.3 * k, value: (_, v) => format(v), points: { show: false } };  // null is a gap
+  if (faded) series.alpha = 0.75;  // the curves below a noisy one shine through
   if (curve.style === "dashed") series.dash = [7 * k, 5 * k];
   else if (curve.colour >= 7) series.dash = [3 * k, 2 * k];  // the palette a second time
   if (kind === "plane") {
@@ -63,7 +64,7 @@ function optionsOf(chart, width, height, k = 1) {
     width, height, padding: [8 * k, (isPhone.matches ? 9 : 16) * k, 0, 0],
     scales: { x: { time: false, distr: distrX, asinh: 0.1, ...range.x }, y: { distr: distrY, asinh: 0.1, ...range.y } },
     axes: [[axisOf(chart.x, k, "x"), distrX], [axisOf("", k, "y"), distrY]].map(([axis, distr]) => ({ ...axis, values: valuesOf(distr), ...splitsOf(distr) })),
-    series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k))],
+    series: [{ label: chart.x.split(" [")[0], value: (_, v) => format(v) }, ...chart.curves.map((curve) => seriesOf(curve, chart.kind, k, chart.kind === "time" && chart.curves.length > 1 && /\[N m\]|\[-\]/.test(chart.title)))],
     hooks: { drawAxes: [(plot) => drawBehind(plot, chart, k)] },
     legend: { live: true, markers: { width: 2, stroke: (_, i) => colourOf(chart.curves[i - 1]), dash: (_, i) => (chart.curves[i - 1].style === "dashed" ? "dashed" : "solid") } },
     cursor: {
@@ -77,7 +78,8 @@ function optionsOf(chart, width, height, k = 1) {
 function rangesOf(chart) {
   if (["time", "linear", "semilog"].includes(chart.kind)) {
     return { y: { range: (plot, low, high) => {
-      if (charts.alike && chart.group) [low, high] = rangeOfRow(plot, chart, low, high);
+      if (charts.alike && chart.group && chart.kind === "time") [low, high] = rangeOfRow(plot, chart, low, high);
+      if (chart.kind === "semilog" && high > low) return [low - 0.04 * (high - low), high + 0.12 * (high - low)];
       return low === high ? [low - 1, high + 1] : uPlot.rangeNum(low, high, 0.08, true);
     } } };
   }
@@ -102,7 +104,7 @@ function rangeOfRow(plot, chart, low, high) {
     columns.forEach((y, i) => {
       if (!its.series[i + 1].show) return;
       for (let k = 0; k < x.length; k++) {
-        if (x[k] < min || x[k] > max || y[k] == null) continue;
+        if ((min != null && (x[k] < min || x[k] > max)) || y[k] == null) continue;
         low = Math.min(low, y[k]);
         high = Math.max(high, y[k]);
       }
@@ -111,7 +113,21 @@ function rangeOfRow(plot, chart, low, high) {
   return [low, high];
 }
 
-function rescale() { for (const { plot } of charts.ofTime()) plot.setScale("x", { min: plot.scales.x.min, max: plot.scales.x.max }); }
+function rescale() {
+  for (const { plot } of charts.ofTime()) {
+    const { min, max } = plot.scales.x;
+    if (min != null) plot.setScale("x", { min, max });  // a new plot has no scale before its first microtask
+  }
+}
+
+// Attitudes that differ by more than ten times get one scale: a rest of .05 deg must not look like a peak of 3 deg.
+function differMuch(groups) {
+  const spans = groups.filter(({ title }) => title === "Attitude").flatMap(({ charts: all }) => all).map(({ curves }) => {
+    const known = curves.flatMap(({ y }) => Array.from(numbers.at(y)).filter(Number.isFinite));
+    return known.reduce((most, value) => Math.max(most, value), -Infinity) - known.reduce((least, value) => Math.min(least, value), Infinity);
+  }).filter((span) => span > 0);
+  return spans.length > 1 && Math.max(...spans) > 10 * Math.min(...spans);
+}
 
 function scaleAlike(alike) {
   charts.alike = alike;
@@ -152,7 +168,7 @@ function drawBand(plot, ink, band, i, ratio) {
   ink.fillStyle = themed("--muted");
   ink.textAlign = "left";
   ink.textBaseline = "top";
-  if (charts.bands.length < 27) ink.fillText(BAND_LETTERS[i], left + 3 * ratio, top + 2 * ratio);
+  if (charts.bands.length < 27) ink.fillText(bandName(i), left + 3 * ratio, top + 2 * ratio);
 }
 
 function drawMark(plot, ink, mark, ratio, taken) {
@@ -161,6 +177,11 @@ function drawMark(plot, ink, mark, ratio, taken) {
   const y = upward ? 0 : plot.valToPos(mark.y, "y", true);
   ink.strokeStyle = ink.fillStyle = themed(mark.colour === null ? "--limit" : `--c${mark.colour % 7}`);
   ink.lineWidth = 1.2 * ratio;
+  if (from === to && !upward) {  // a dot
+    ink.beginPath();
+    ink.arc(from, y, 3.5 * ratio, 0, 2 * Math.PI);
+    ink.fill();
+  }
   ink.setLineDash([2 * ratio, 3 * ratio]);
   ink.beginPath();
   ink.moveTo(upward ? from : Math.max(from, left), upward ? top : y);
@@ -171,8 +192,9 @@ function drawMark(plot, ink, mark, ratio, taken) {
   ink.textAlign = "left";
   ink.textBaseline = "top";
   const wide = ink.measureText(mark.label).width, line = 11 * ratio, low = y > top + height / 2;
-  const at = upward ? [from + 3 * ratio, top + height - line - 3 * ratio] : [Math.min(to, left + width) - 4 * ratio - wide, y + (low ? -line : 2 * ratio)];
-  ink.fillText(mark.label, ...freePlace(taken, at, wide, line, upward || low ? -1 : 1));
+  if (from === to && !upward) return ink.fillText(mark.label, ...freePlace(taken, [from + 6 * ratio, y - line], wide, line, -1));
+  const at = upward ? [from + 3 * ratio, top + 2 * ratio] : [Math.min(to, left + width) - 4 * ratio - wide, y + (low ? -line : 2 * ratio)];
+  ink.fillText(mark.label, ...freePlace(taken, at, wide, line, !upward && low ? -1 : 1));
 }
 
 // The first place at or beyond `at`, line by line, whose text covers no other.
@@ -182,8 +204,14 @@ function freePlace(taken, [x, y], wide, line, way) {
   return [x, y];
 }
 
-const BAND_COLOURS = { gust: "--c5", moment: "--c3", link: "--c4", event: "--c6" };
+const BAND_COLOURS = { gust: "--gust", moment: "--moment", link: "--link", event: "--c6" };
 const BAND_LETTERS = "abcdefghijklmnopqrstuvwxyz";
+
+// A band is named by its kind; if several are of that kind, by a letter, which the list above the charts explains.
+function bandName(i) {
+  const { kind } = charts.bands[i];
+  return charts.bands.filter((band) => band.kind === kind).length === 1 ? kind : BAND_LETTERS[i];
+}
 
 // More bands than there are letters stand as one for each text.
 function listBands(list) {
@@ -196,7 +224,7 @@ function listBands(list) {
     const item = list.appendChild(document.createElement("li"));
     item.style.setProperty("--chip", `var(${BAND_COLOURS[kind]})`);
     const times = count > 1 ? `, ${count} times` : "";
-    item.textContent = `${lettered ? `${BAND_LETTERS[i]} ` : ""}${text}${times}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
+    item.textContent = `${lettered && bandName(i) !== kind ? `${BAND_LETTERS[i]}: ` : ""}${text}${times}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
   });
 }
 
@@ -308,7 +336,7 @@ const nearby = new IntersectionObserver((seen) => drawPlaces(seen.filter((each) 
 function drawPlaces(places) {
   for (const place of places) drawChart(place);
   if (places.length) charts.drawn.sort((a, b) => a.order - b.order);
-  if (places.length && charts.alike) rescale();
+  if (places.length && charts.alike) queueMicrotask(rescale);
 }
 
 // Draw all charts, for print and for whoever needs them at once.

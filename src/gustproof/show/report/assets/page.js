@@ -6,6 +6,8 @@ const ready = (async () => {
   charts.name = page.name;
   charts.bands = page.bands;
   charts.hidden = new Set(page.hidden);
+  const alike = document.getElementById("alike");
+  charts.alike = alike.checked = differMuch(page.sections.time ?? []);
   charts.flights = new Set(page.runs.map((run) => run.label));
   for (const [name, groups] of Object.entries(page.sections)) {
     const section = document.getElementById(name);
@@ -25,7 +27,7 @@ const ready = (async () => {
   startReplay(page.runs);
   showLegend(page.runs.map((run, i) => ({ label: run.label, colour: i, style: "solid" })));
   listBands(document.getElementById("bands"));
-  document.getElementById("alike").addEventListener("change", (event) => scaleAlike(event.target.checked));
+  alike.addEventListener("change", () => scaleAlike(alike.checked));
   // Small views while the large ones are out of sight.
   new IntersectionObserver(([seen]) => {
     document.getElementById("dock").classList.toggle("stuck", !seen.isIntersecting && seen.boundingClientRect.top < 0);

@@ -14,6 +14,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 10.0, 22.0, 36.0
 _BINS = 48  # most bins of a distribution
 _POINTS = 160  # points of an exceedance curve
 _MEANS = 16  # most means of a response curve
+_DOTS = 400  # most cases of a scatter
 _MIN_RUNS = 25  # runs for each mean
 
 
@@ -107,8 +108,23 @@ def draw_responses(
     )
 
 
-def draw_chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis) -> str:
-    """Return a chart as SVG in the colours of the page."""
+def draw_scatter(label: str, drawn: str, values: Sequence[Array], delta: Array, value: Callable[[float], float]) -> str:
+    """Return a figure of each case, one array (n,) a law, against a quantity drawn at `delta` (n,) of its spread.
+
+    Of very many cases the first `_DOTS` are shown.
+    """
+    shown = slice(0, _DOTS)
+    place = np.array([value(each) for each in delta[shown]])
+    dots = [Line(colour, place, each[shown]) for colour, each in enumerate(values)]
+    low, high = _value_range([line.y[np.isfinite(line.y)] for line in dots])
+    x, y = Axis(value(-1.0), value(1.0)), Axis(min(low, 0.0), high * 1.05 if high else 1.0)
+    return draw_chart(drawn, label, [], x, y, dots=dots)
+
+
+def draw_chart(
+    x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Axis, *, dots: Sequence[Line] = ()
+) -> str:
+    """Return a chart of lines, or of `dots`, as SVG in the colours of the page."""
     width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
     def place(at_x: float, at_y: float) -> str:
@@ -127,6 +143,12 @@ def draw_chart(x_label: str, y_label: str, lines: Sequence[Line], x: Axis, y: Ax
         there = np.isfinite(line.y)
         points = " ".join(map(place, line.x[there].tolist(), line.y[there].tolist()))
         parts.append(f'<polyline style="stroke: var(--c{line.colour % 7})" points="{points}"/>')
+    for line in dots:
+        there = np.isfinite(line.y)
+        marks = "".join(
+            f"M{place(*each)}h0" for each in zip(line.x[there].tolist(), line.y[there].tolist(), strict=True)
+        )
+        parts.append(f'<path class="dots" style="stroke: var(--c{line.colour % 7})" d="{marks}"/>')
     middle = _LEFT + width / 2.0
     parts.append(f'<text x="{_LEFT}" y="14">{escape(y_label)}</text>')
     parts.append(f'<text class="x" x="{middle}" y="{_HEIGHT - 5}">{escape(x_label)}</text>')

@@ -1,9 +1,9 @@
 """One HTML file on a campaign, which needs neither a network nor a script."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
-from itertools import starmap
+from itertools import combinations, starmap
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,19 @@ from firmware_model.config.files import write_text
 from gustproof.flight.scoring.requirements import requirement_label, requirement_limits
 from gustproof.show.report.campaign import (
     IMPORTANCE_FIGURE,
+    SCATTERED_FIGURE,
     describe_campaign,
     format_estimate,
     format_importance,
     format_share,
     format_value,
 )
-from gustproof.show.report.html.campaign_charts import draw_distributions, draw_exceedances, draw_responses
+from gustproof.show.report.html.campaign_charts import (
+    draw_distributions,
+    draw_exceedances,
+    draw_responses,
+    draw_scatter,
+)
 from gustproof.show.report.html.forest import ForestRow, render_forest
 from gustproof.show.report.html.markup import (
     fill_page,
@@ -41,6 +47,7 @@ from gustproof.studies.campaign.statistics import (
 )
 from gustproof.studies.campaign.worker import FIGURES as FLOWN
 from gustproof.studies.campaign.worker import delta_column
+from gustproof.types import Array
 from gustproof.version import __version__
 
 _TILES = (
@@ -97,12 +104,13 @@ def _render_headline(found: CampaignStatistics) -> str:
                 i,
                 law.law,
                 format_value(value),
-                f"× {value / first:.3g}" if i and first > 0.0 and math.isfinite(value) else "",
+                f"{value / first:.2g} ×" if i and first > 0.0 and math.isfinite(value) else "",
                 is_best=value == least and len(values) > 1,
             )
             for i, (law, value) in enumerate(zip(found.laws, values, strict=True))
         ]
-        tiles.append((f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines))
+        beside = f"; beside: times {found.laws[0].law}" if len(values) > 1 else ""
+        tiles.append((f"{heading} <small>{escape(FIGURES[name][1] + beside)}</small>", lines))
     held = [format_share(law.all_held) for law in found.laws]
     lines = [render_tile_line(i, law.law, *share) for i, (law, share) in enumerate(zip(found.laws, held, strict=True))]
     tiles.append(("All requirements met", lines))
@@ -126,7 +134,7 @@ def _render_figures(found: CampaignStatistics) -> str:
     forests = "".join(_render_forest(found, name) for name in (*COMPARED_FIGURES, "saturated_s"))
     table = render_table(["", "law", *_COLUMNS, "worst"], rows)
     details = f"<details><summary>All figures with their intervals</summary>{table}</details>"
-    return f"{note}<div class='forests'>{forests}</div>{details}{_render_matrices(found)}"
+    return f"{note}<div class='forests'>{forests}</div>{details}{_render_matrix(found)}"
 
 
 def _render_forest(found: CampaignStatistics, name: str) -> str:
@@ -141,38 +149,33 @@ def _render_forest(found: CampaignStatistics, name: str) -> str:
     return render_forest(_figure_label(name), rows)
 
 
-def _render_matrices(found: CampaignStatistics) -> str:
-    """Return a matrix of laws for each compared figure: shares above the diagonal, mean differences below."""
+def _render_matrix(found: CampaignStatistics) -> str:
+    """Return one table of the paired differences: a row for each pair of laws, a column for each compared figure."""
     if len(found.laws) < 2:
         return ""
     duels = {(duel.figure, duel.law, duel.other): duel for duel in found.duels}
-    tables = []
-    for name in COMPARED_FIGURES:
-        rows = []
-        for law in found.laws:
-            cells = [_render_duel(duels, (name, law.law, other.law)) for other in found.laws]
-            rows.append([_render_law(found, law), *cells])
-        table = render_table(["", *(_render_law(found, law) for law in found.laws)], rows)
-        tables.append(f"<div class='matrix'><h3>{escape(_figure_label(name))}</h3>{table}</div>")
+    rows = []
+    for one, other in combinations(found.laws, 2):
+        pair = [f"{_render_law(found, one)} less {_render_law(found, other)}"]
+        cells = (_render_duel(duels.get((name, one.law, other.law))) for name in COMPARED_FIGURES)
+        rows.append([*pair, *cells])
     note = (
-        "<p class='note'>Law of the row against law of the column in the same cases. Shares: cases in which the row is "
-        "below the column. Signed numbers: mean of row less column, in the figure's unit. Muted: intervals.</p>"
+        "<p class='note'>Mean of the first law less the second in the same cases, with its interval; below it the "
+        "share of the cases in which the first is lower. Green: the first is lower more often.</p>"
     )
-    return f"<h3>Law against law</h3>{note}{''.join(tables)}"
+    table = render_table(["", *(escape(_figure_label(name)) for name in COMPARED_FIGURES)], rows)
+    return f"<h3>Law against law</h3>{note}<div class='matrix'>{table}</div>"
 
 
-def _render_duel(duels: Mapping[tuple[str, str, str], LawComparison], key: tuple[str, str, str]) -> str:
-    if duel := duels.get(key):
-        shade, depth = "--c2" if duel.lower.value > 0.5 else "--c1", 110.0 * abs(duel.lower.value - 0.5)
-        if not math.isfinite(depth):
-            return "–"
-        text = _format_interval(*format_share(duel.lower))
-        effect = f"effect size {format_value(duel.effect)}"
-        return f'<span class="heat" title="{effect}" style="--shade: var({shade}); --depth: {depth:.0f}%">{text}</span>'
-    if duel := duels.get((key[0], key[2], key[1])):
-        value, low, high = (f"{x:+.3g}".replace("-", "−") for x in (-x for x in duel.difference))
-        return _format_interval(value, f"{high} .. {low}") if math.isfinite(duel.difference.value) else "–"
-    return ""
+def _render_duel(duel: LawComparison | None) -> str:
+    if duel is None or not math.isfinite(duel.difference.value):
+        return "–"
+    shade, depth = "--c2" if duel.lower.value > 0.5 else "--c1", 110.0 * abs(duel.lower.value - 0.5)
+    value, low, high = (f"{x:+.3g}".replace("-", "−") for x in duel.difference)
+    known = f"{low} .. {high}" if math.isfinite(duel.difference.low) else "one case"
+    text = _format_interval(value, known) + f"<br>{_format_interval(*format_share(duel.lower))}"
+    effect = f"effect size {format_value(duel.effect)}"
+    return f'<span class="heat" title="{effect}" style="--shade: var({shade}); --depth: {depth:.0f}%">{text}</span>'
 
 
 def _render_requirements(found: CampaignStatistics) -> str:
@@ -216,18 +219,32 @@ def _render_folded(title: str, charts: Iterable[Sequence[str]], shown: Iterable[
 def _render_dispersions(found: CampaignStatistics) -> str:
     if not found.campaign.spreads:
         return "<p>Only gusts and noise varied.</p>"
-    file, charts, shown = open_table(found.table), [], []
+    file, charts, strength = open_table(found.table), [], []
     values, label = list(read_column(file, IMPORTANCE_FIGURE, found.campaign)), _figure_label(IMPORTANCE_FIGURE)
+    peaks = list(read_column(file, SCATTERED_FIGURE, found.campaign))
     for name, spread in found.campaign.spreads.items():
         delta = read_column(file, delta_column(name), found.campaign)[0]
-        charts.append([draw_responses(label, name, values, delta, spread.value)])
-        shown.append(any(_has_effect(law.figures[IMPORTANCE_FIGURE].importance.get(name)) for law in found.laws))
+        # One figure beside all cases, however few: a cause shows itself before its share can be estimated.
+        peak = draw_scatter(_figure_label(SCATTERED_FIGURE), name, peaks, delta, spread.value)
+        charts.append([peak, draw_responses(label, name, values, delta, spread.value)])
+        strength.append(max((_strength(each, delta) for each in peaks), default=0.0))
     note = (
         "<p class='note'>Share of a figure's variance explained by each quantity alone (first-order Sobol' index by "
         "binning), and rank correlation ρ (Spearman). Remainder: gusts and "
         "noise of each run, and interactions. Units are those of the vehicle file.</p>"
     )
-    return note + _render_importance(found) + _render_folded(f"mean {label} against each", charts, shown)
+    shown = [each >= sorted(strength)[-min(2, len(strength))] for each in strength]
+    title = f"{_figure_label(SCATTERED_FIGURE)} of each case, and mean {label}, against what was drawn"
+    return _render_folded(title, charts, shown) + note + _render_importance(found)
+
+
+def _strength(values: Array, delta: Array) -> float:
+    """Return the size of the rank correlation of a figure (n,) with a quantity's draws (n,); 0 if there is none."""
+    known = np.isfinite(values)
+    ranks = [np.argsort(np.argsort(each[known])).astype(float) for each in (values, delta)]
+    if len(ranks[0]) < 3 or not all(np.ptp(each[known]) > 0.0 for each in (values, delta)):
+        return 0.0
+    return float(abs(np.corrcoef(np.array(ranks))[0, 1]))
 
 
 def _render_importance(found: CampaignStatistics) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from operator import attrgetter
 
 import numpy as np
 
@@ -12,10 +11,9 @@ from firmware_model.config.vehicle import MOST_ROTORS
 from gustproof.flight.scoring.metrics import attitude
 from gustproof.show.report.html.marks import History, Mark, limit_marks
 from gustproof.show.report.html.runs import ReportRun
+from gustproof.show.report.thinned import decimate
 from gustproof.types import Array
 
-MAX_SAMPLES = 20_000
-"""Samples of a curve that are drawn unchanged; a longer curve is reduced to the extremes of each section."""
 _SEGMENTS = 4  # without overlap; Welch's method overlaps them by half and averages seven spectra
 
 Values = Callable[[ReportRun], Array]
@@ -88,6 +86,11 @@ def _field(name: str) -> Values:
     return lambda run: np.asarray(run.records[name])
 
 
+def _in_degrees(name: str) -> Values:
+    """Return angular rates in deg/s, the unit of all pages."""
+    return lambda run: np.degrees(run.records[name])
+
+
 def _torque_share(run: ReportRun) -> Array:
     share = np.abs(run.records["torque_command_B"]) / np.array(run.vehicle.torque_limit)
     return np.asarray(np.max(share, axis=1, keepdims=True))
@@ -95,13 +98,13 @@ def _torque_share(run: ReportRun) -> Array:
 
 _HISTORIES: tuple[tuple[History, tuple[str, ...], Values], ...] = (
     (History.ATTITUDE, ("roll φ [deg]", "pitch θ [deg]", "yaw ψ [deg]"), lambda run: np.degrees(attitude(run.records))),
-    (History.RATES, ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_B")),
-    (History.COMMANDED_RATES, ("p [rad/s]", "q [rad/s]", "r [rad/s]"), _field("omega_command_B")),
+    (History.RATES, ("p [deg/s]", "q [deg/s]", "r [deg/s]"), _in_degrees("omega_B")),
+    (History.COMMANDED_RATES, ("p [deg/s]", "q [deg/s]", "r [deg/s]"), _in_degrees("omega_command_B")),
     (History.COMMANDED_TORQUE, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_command_B")),
     (History.ACTUATOR_TORQUE, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("torque_B")),
     (History.SATURATION, ("largest share of a torque limit [-]; 1 is saturated",), _torque_share),
     (History.GUST, ("forward u [m/s]", "right v [m/s]", "down w [m/s]"), _field("gust_B")),
-    (History.ANGULAR_GUST, ("roll [rad/s]", "pitch [rad/s]", "yaw [rad/s]"), _field("gust_omega_B")),
+    (History.ANGULAR_GUST, ("roll [deg/s]", "pitch [deg/s]", "yaw [deg/s]"), _in_degrees("gust_omega_B")),
     (History.MEAN_WIND, ("north [m/s]", "east [m/s]", "down [m/s]"), _field("wind_N")),
     (History.MOMENT, ("roll [N m]", "pitch [N m]", "yaw [N m]"), _field("moment_B")),
     (History.THRUST, tuple(f"rotor {i + 1} [N]" for i in range(MOST_ROTORS)), _field("rotors")),
@@ -134,25 +137,49 @@ def _is_known(values: Array, k: int) -> bool:
 
 
 def time_histories(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
-    """Return the time histories that are not constant in every run."""
-    groups = []
-    for history, axes, values in (*_HISTORIES, _number_modes(runs)):
-        columns = [values(run) for run in runs]
-        if not any(np.any(np.ptp(np.nan_to_num(column), axis=0) > 0.0) for column in columns):
-            continue
-        # The most agitated flight is drawn first, as it would hide the others.
-        agitation = [float(np.nansum(np.abs(np.diff(column, axis=0)))) for column in columns]
-        order = sorted(range(len(runs)), key=lambda i: -agitation[i])
-        charts = []
-        for k, axis in enumerate(axes[: max(column.shape[1] for column in columns)]):
-            known = [i for i in order if _is_known(columns[i], k)]
-            curves = merge_curves([_history_curve(runs[i], columns[i][:, k], i) for i in known], "all runs")
-            references = _reference_curves(runs, k) if history is History.ATTITUDE else ()
-            drawn = (*curves, *references)
-            marks = limit_marks(runs, history, k)
-            charts.append(Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=drawn, marks=marks))
-        groups.append(ChartGroup(title=history.value, charts=tuple(filter(attrgetter("curves"), charts))))
-    return tuple(groups)
+    """Return the time histories. What is constant in every run is a line of its group; without a chart no group is."""
+    return tuple(filter(None, (_history_group(runs, *each) for each in (*_HISTORIES, _number_modes(runs)))))
+
+
+def _history_group(
+    runs: Sequence[ReportRun], history: History, axes: Sequence[str], values: Values
+) -> ChartGroup | None:
+    known = _known_columns([values(run) for run in runs], len(axes))
+    still = {k: _constant([column for _, column in found]) for k, found in known.items()}
+    if all(value is not None for value in still.values()):
+        return None
+    folded = {} if history is History.ATTITUDE else {k: value for k, value in still.items() if value is not None}
+    charts = tuple(_history_chart(runs, history, k, axes[k], found) for k, found in known.items() if k not in folded)
+    constant = ", ".join(f"{axes[k].partition(' [')[0]} {value:.4g}" for k, value in folded.items())
+    note = f"Constant, not drawn: {constant}." if constant else ""
+    return ChartGroup(title=history.value, charts=charts, note=note)
+
+
+def _known_columns(values: Sequence[Array], most: int) -> dict[int, list[tuple[int, Array]]]:
+    """Return, for each of at most `most` columns, those of the runs' values (n, columns) that have a number.
+
+    Each stands behind the place of its run. The most agitated run comes first: drawn last it would hide the others.
+    """
+    agitation = [float(np.nansum(np.abs(np.diff(each, axis=0)))) for each in values]
+    order = sorted(range(len(values)), key=lambda i: -agitation[i])
+    known = {k: [(i, values[i][:, k]) for i in order if _is_known(values[i], k)] for k in range(most)}
+    return {k: found for k, found in known.items() if found}
+
+
+def _history_chart(
+    runs: Sequence[ReportRun], history: History, k: int, axis: str, columns: Iterable[tuple[int, Array]]
+) -> Chart:
+    """Return chart `k` of a group, of the `columns` (n,) of some runs, which are told by their places."""
+    curves = merge_curves([_history_curve(runs[i], column, i) for i, column in columns], "all runs")
+    references = _reference_curves(runs, k) if history is History.ATTITUDE else ()
+    marks = limit_marks(runs, history, k)
+    return Chart(title=axis, x_label="time [s]", kind=ChartKind.TIME, curves=(*curves, *references), marks=marks)
+
+
+def _constant(columns: Sequence[Array]) -> float | None:
+    """Return the one value that all columns (n,) have from their first known sample on; `None` if there is none."""
+    known = np.concatenate([column[int(np.argmin(np.isnan(column))) :] for column in columns])
+    return float(known[0]) if np.all(known == known[0]) else None
 
 
 def spectra(runs: Sequence[ReportRun]) -> tuple[ChartGroup, ...]:
@@ -212,26 +239,6 @@ def merge_curves(curves: Iterable[Curve], label: str) -> tuple[Curve, ...]:
 
 def _is_same(one: Curve, other: Curve) -> bool:
     return np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y, equal_nan=True)
-
-
-def decimate(time: Array, values: Array, most: int = MAX_SAMPLES) -> tuple[Array, Array]:
-    """Return a curve of at most `most` samples: the lowest and the highest of each section, in order.
-
-    No peak is lost, and the times are those of the kept samples.
-    """
-    n = len(time)
-    if n <= most:
-        return time, values
-    edges = np.linspace(0, n, most // 2 + 1).astype(np.int64)
-    starts, lasts = edges[:-1, None], edges[1:, None] - 1
-    # Sections differ in length by one at most: shorter ones repeat their last sample, which is then found first.
-    places = np.minimum(starts + np.arange(np.max(lasts - starts) + 1), lasts)
-    parts = values[places]
-    absent = np.isnan(parts)
-    lowest = np.argmin(np.where(absent, np.inf, parts), axis=1)
-    highest = np.argmax(np.where(absent, -np.inf, parts), axis=1)
-    kept = np.unique(starts[:, 0] + (lowest, highest))
-    return time[kept], values[kept]
 
 
 def _history_curve(run: ReportRun, column: Array, colour: int) -> Curve:

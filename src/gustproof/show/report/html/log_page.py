@@ -21,7 +21,6 @@ from gustproof.show.report.html.charts import (
     ChartKind,
     Curve,
     CurveStyle,
-    decimate,
     frequency_chart,
 )
 from gustproof.show.report.html.judgement_page import loop_charts, render_verdict
@@ -29,6 +28,7 @@ from gustproof.show.report.html.marks import Mark
 from gustproof.show.report.html.markup import fill_page, render_table
 from gustproof.show.report.html.page import NumberBlock, chart_parts
 from gustproof.show.report.log_summary import describe_vibration, doubts, filter_rows, signal_rows, summary
+from gustproof.show.report.thinned import decimate
 from gustproof.show.report.vehicle_numbers import number_rows
 from gustproof.studies.logged_flight import LoggedFlight
 from gustproof.types import Array

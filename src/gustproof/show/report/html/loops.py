@@ -32,6 +32,8 @@ from gustproof.studies.rate.law_margins import SPREADS, axis_robustness_over_fre
 from gustproof.studies.rate.robustness import RobustnessOverFrequency
 
 _OMEGA = np.geomspace(1e-3, 1e3, 400)
+_LEAST_GAIN = 0.01  # [-] -40 dB: smaller sensitivities would flatten the peaks
+_LEAST_LINEAR = 0.5  # [-] the same of the chart that is not in dB
 _SAME_TOLERANCE = 1e-6  # [-] relative difference allowed between a law and its new derivation on another machine
 
 
@@ -75,26 +77,29 @@ def collect_laws(runs: Sequence[ReportRun]) -> tuple[ReportLaw, ...]:
 
 def frequency_charts(laws: Sequence[ReportLaw]) -> tuple[ChartGroup, ...]:
     """Return the sensitivities of all laws, and the singular values of each designed law against its weights."""
-    sensitivities, groups = [], []
+    groups = []
     torque_laws = [law for law in laws if law.hover.sensitivities]
-    for name in ("S", "T"):
-        curves = tuple(
-            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=decibels(law.hover.sensitivities[name]))
-            for law in torque_laws
-        )
-        marks = tuple(_peak_mark(law, name) for law in torque_laws)
-        sensitivities.append(
-            frequency_chart(f"largest singular value of {name} [dB]", curves, ChartKind.DECIBEL, marks)
-        )
     if torque_laws:
-        note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
-        title = "Sensitivity S and complementary sensitivity T"
-        groups.append(ChartGroup(title=title, charts=tuple(sensitivities), note=note))
-        groups.append(_loop_charts(torque_laws))
+        groups += [_sensitivity_charts(torque_laws), _loop_charts(torque_laws)]
     known = [law for law in laws if law.robustness]
     if known:
         groups.append(_mu_charts(known))
     return (*groups, *(_weight_charts(law.label, law.design) for law in laws if law.design is not None))
+
+
+def _sensitivity_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
+    """Return S in dB, its peak on an axis that is not logarithmic, and T in dB."""
+    charts = []
+    for name in ("S", "T"):
+        gains = [(law, law.hover.sensitivities[name]) for law in laws]
+        curves = tuple(_loop_curve(law, decibels(np.where(gain > _LEAST_GAIN, gain, np.nan))) for law, gain in gains)
+        charts.append(frequency_chart(f"largest singular value of {name} [dB]", curves, ChartKind.DECIBEL))
+    gains = [(law, law.hover.sensitivities["S"]) for law in laws]
+    curves = tuple(_loop_curve(law, np.where(gain > _LEAST_LINEAR, gain, np.nan)) for law, gain in gains)
+    marks = tuple(map(_peak_mark, laws))
+    charts.insert(1, frequency_chart("S about its peak, dot: Ms [-]", curves, ChartKind.SEMILOG, marks))
+    note = "At the plant's input, sampled and delayed as flown. A rate law has no torque loop of its own."
+    return ChartGroup(title="Sensitivity S and complementary sensitivity T", charts=tuple(charts), note=note)
 
 
 def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
@@ -102,10 +107,7 @@ def _loop_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     charts = []
     for k, axis in enumerate(AXES):
         gains = [decibels(_within(np.abs(law.hover.loop[:, k]))) for law in laws]
-        curves = tuple(
-            Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=gain)
-            for law, gain in zip(laws, gains, strict=True)
-        )
+        curves = tuple(_loop_curve(law, gain) for law, gain in zip(laws, gains, strict=True))
         crossings = [(law, law.hover.margins.input[k]) for law in laws if law.hover.margins is not None]
         marks = tuple(
             Mark(
@@ -149,9 +151,15 @@ def _mu_charts(laws: Sequence[ReportLaw]) -> ChartGroup:
     return ChartGroup(title="mu over frequency", charts=tuple(charts), note=note)
 
 
-def _peak_mark(law: ReportLaw, name: str) -> Mark:
-    peak = float(np.max(law.hover.sensitivities[name]))
-    return Mark(label=f"{peak:.2f}", y=20.0 * math.log10(peak), colour=law.colour)
+def _loop_curve(law: ReportLaw, values: Matrix) -> Curve:
+    return Curve(label=law.label, colour=law.colour, x=law.hover.omega, y=values)
+
+
+def _peak_mark(law: ReportLaw) -> Mark:
+    """Return the peak of S as a dot with its value."""
+    gains = law.hover.sensitivities["S"]
+    omega, peak = float(law.hover.omega[np.argmax(gains)]), float(np.max(gains))
+    return Mark(label=f"{peak:.2f}", x=(omega, omega), y=peak, colour=law.colour)
 
 
 def _within(gains: Matrix) -> Matrix:

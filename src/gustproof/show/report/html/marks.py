@@ -41,7 +41,7 @@ class Mark:
     label: str
     """Text beside it."""
     x: tuple[float, float] | None = None
-    """Start and end [unit of the chart's x]; equal for a line upward, `None` for the whole width."""
+    """Start and end [unit of the chart's x]; equal for a line upward, or a dot at `y`; `None` for the whole width."""
     y: float | None = None
     """Height [unit of the chart's y]; `None` for a line upward."""
     colour: int | None = None

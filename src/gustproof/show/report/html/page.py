@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from firmware_model.config.files import write_text
-from gustproof.show.report.html.charts import MAX_SAMPLES, Chart, ChartGroup, Curve, spectra, time_histories
+from gustproof.show.report.html.charts import Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.show.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.show.report.html.marks import Mark, time_bands
 from gustproof.show.report.html.markup import fill_page, read_asset, shorten
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.html.tables import render_flights, render_headline, render_margins, render_requirements
+from gustproof.show.report.thinned import MAX_SAMPLES
 from gustproof.types import Array
 from gustproof.version import __version__
 

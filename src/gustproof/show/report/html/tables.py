@@ -59,9 +59,14 @@ def _figure_tile(runs: Sequence[ReportRun], heading: str, name: str, *, is_fair:
     best = min(whole) if is_fair and len(whole) > 1 else math.nan
     lines = []
     for i, (run, value) in enumerate(zip(runs, values, strict=True)):
-        ratio = f"× {value / values[0]:.3g}" if i and is_fair and values[0] > 0.0 else ""
-        lines.append(render_tile_line(i, run.label, _format_value(value, 3), ratio, is_best=value == best))
-    return f"{heading} <small>{escape(FIGURES[name][1])}</small>", lines
+        ratio = f"{value / values[0]:.2g} ×" if i and is_fair and values[0] > 0.0 else ""
+        lines.append(render_tile_line(i, run.label, _format_value(value), ratio, is_best=value == best))
+    return f"{heading} <small>{escape(FIGURES[name][1] + _beside(runs, is_fair=is_fair))}</small>", lines
+
+
+def _beside(runs: Sequence[ReportRun], *, is_fair: bool) -> str:
+    """Return what the small numbers of a tile are, if there are any."""
+    return f"; beside: times {runs[0].label}" if len(runs) > 1 and is_fair else ""
 
 
 def _requirements_line(i: int, run: ReportRun) -> str:
@@ -142,12 +147,15 @@ def render_requirements(runs: Sequence[ReportRun]) -> str:
 
 def _render_result(result: RequirementResult) -> str:
     mark = "good" if result.is_met else "bad" if result.judged else "interval"
-    held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin, 3)}"
+    held = f"{'held' if result.is_met else 'not held'}, {_format_value(result.margin)}"
     return f'{_format_value(result.value)} <span class="{mark}">{held if result.judged else "not judged"}</span>'
 
 
-def _format_value(value: float, digits: int = 4) -> str:
-    return f"{value:.{digits}g}" if math.isfinite(value) else "not flown" if math.isnan(value) else "∞"
+def _format_value(value: float) -> str:
+    """Return a value with three digits; a large one as a whole number."""
+    if not math.isfinite(value):
+        return "not flown" if math.isnan(value) else "∞"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def render_margins(laws: Iterable[ReportLaw]) -> str:

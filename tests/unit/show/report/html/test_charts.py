@@ -3,8 +3,9 @@ import pytest
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import load_vehicle
-from gustproof.show.report.html.charts import CurveStyle, decimate, spectra, time_histories
+from gustproof.show.report.html.charts import CurveStyle, spectra, time_histories
 from gustproof.show.report.html.runs import read_runs
+from gustproof.show.report.thinned import decimate
 
 N = 500
 TIME = 0.004 * np.arange(N)
@@ -35,7 +36,7 @@ def test_rates_that_were_commanded_for_a_time_are_shown_for_that_time(recorded):
     (group,) = (group for group in time_histories(runs) if group.title == "Commanded rates")
     for k, chart in enumerate(group.charts):
         (curve,) = chart.curves
-        assert np.array_equal(curve.y, commanded[:, k], equal_nan=True)
+        assert np.array_equal(curve.y, np.degrees(commanded[:, k]), equal_nan=True)
 
 
 def test_the_age_of_commands_is_shown_with_its_gaps(recorded):
@@ -131,5 +132,7 @@ def test_a_chart_without_a_curve_is_left_out(recorded):
     runs = read_runs([recorded("run", n=N, gust_B=gust, omega_command_B=asked)])
     groups = {group.title: [chart.title for chart in group.charts] for group in (*time_histories(runs), *spectra(runs))}
     assert groups["Spectrum: gust"] == ["right v [(m/s)²/(rad/s)]"]
-    assert groups["Commanded rates"] == ["p [rad/s]", "r [rad/s]"]
-    assert groups["Gust, blowing toward"] == ["forward u [m/s]", "right v [m/s]", "down w [m/s]"]
+    assert groups["Commanded rates"] == ["p [deg/s]", "r [deg/s]"]
+    assert groups["Gust, blowing toward"] == ["right v [m/s]"]
+    (note,) = (group.note for group in time_histories(runs) if group.title == "Gust, blowing toward")
+    assert note == "Constant, not drawn: forward u 0, down w 0."

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gustproof.law.form import load_law
-from gustproof.show.report.html.charts import CurveStyle
+from gustproof.show.report.html.charts import ChartKind, CurveStyle
 from gustproof.show.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.show.report.html.runs import read_runs
 
@@ -45,11 +45,15 @@ def test_pid_has_no_weights_and_a_law_that_was_changed_no_longer_has(laws, recor
 
 def test_sensitivities_are_shown_of_every_torque_loop(laws):
     group = frequency_charts(laws("pid-fair", "pid-default"))[0]
-    assert [[curve.label for curve in chart.curves] for chart in group.charts] == 2 * [["pid-fair", "pid-default"]]
-    S = group.charts[0].curves[0]
-    assert 10.0 ** (np.max(S.y) / 20.0) == pytest.approx(
-        1.36, rel=1e-2
-    )  # the sensitivity peak that pid-fair is made for
+    assert [[curve.label for curve in chart.curves] for chart in group.charts] == 3 * [["pid-fair", "pid-default"]]
+    S, linear = group.charts[0].curves[0], group.charts[1]
+    peak = 10.0 ** (np.nanmax(S.y) / 20.0)
+    assert peak == pytest.approx(1.36, rel=1e-2)  # the sensitivity peak that pid-fair is made for
+    assert np.nanmin(S.y) > -40.0  # dB
+    assert (linear.kind, np.nanmax(linear.curves[0].y)) == (ChartKind.SEMILOG, pytest.approx(peak))
+    dot = linear.marks[0]
+    assert (dot.label, dot.y) == (f"{peak:.2f}", pytest.approx(peak))
+    assert dot.x == (pytest.approx(S.x[np.nanargmax(S.y)]),) * 2
 
 
 def test_a_law_that_flew_twice_is_shown_once(recorded):

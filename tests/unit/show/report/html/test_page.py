@@ -68,7 +68,7 @@ def test_the_curves_in_the_page_are_the_recording_s(runs, page):
     for k, chart in enumerate(group["charts"]):
         for curve in chart["curves"]:
             (start, length) = curve["y"]
-            expected = runs[curve["colour"]].records["omega_B"][:, k]
+            expected = np.degrees(runs[curve["colour"]].records["omega_B"][:, k])
             assert np.array_equal(values[start : start + length], expected.astype("<f4"))
 
 
@@ -137,7 +137,8 @@ def test_the_best_figure_is_marked_only_among_flights_that_can_be_compared(recor
         ("pid-fair", "0.662"),
         ("pid-fair", "1.15"),
     ]
-    assert re.findall(r"<small>(×.*?)</small>", tiles) == ["× 3", "× 3"]
+    assert re.findall(r"<small>(\d.*?)</small>", tiles) == ["3 ×", "3 ×"]
+    assert tiles.count("; beside: times pid-fair") == 3
     alone = render_headline([runs[0], replace(runs[1], seed=2)])
     assert "class='best'" not in alone
     assert "×" not in alone
@@ -148,7 +149,9 @@ def test_gusts_and_events_are_bands_and_requirements_lines(recorded):
     wave = np.random.default_rng(1).standard_normal((1000, 3))
     (run,) = read_runs([recorded("run", scenario="gust-roll", n=1000, require=require, torque_command_B=wave)])
     document = json.loads(script(render_page([run]), "page-data"))
-    assert document["bands"] == [{"from": 2.0, "to": 2.6, "kind": "gust", "text": "gust one minus cosine"}]
+    assert document["bands"] == [
+        {"from": 2.0, "to": 2.6, "kind": "gust", "text": "gust to the right 8 m/s, one minus cosine"}
+    ]
     groups = {group["title"]: group["charts"] for group in document["sections"]["time"]}
     limits = [(mark["y"], mark["x"]) for mark in groups["Commanded torque"][2]["marks"]]
     assert limits == [(run.vehicle.torque_limit[2], None), (-run.vehicle.torque_limit[2], None)]
