@@ -232,7 +232,7 @@ def format_greeting(headline: str, listening: Sequence[int], remote_ports: Seque
         "MAVProxy": f"mavproxy.py --master {proxy}",
         "MAVSDK": sdk,
         "pymavlink": f'mavutil.mavlink_connection("{library}")',
-        "a law": f"gustproof controller --law hinf-scheduled --connect {own}",
+        "a law": f"gustproof controller --law flagship --connect {own}",
     }
     lines = [f"  {client:<15} {way}" for client, way in ways.items()]
     first = f"{headline}, disarmed; its MAVLink is like that of PX4, but it is not PX4"

@@ -39,7 +39,6 @@ def main() -> None:
     atexit.register(gc.freeze)  # nor is it looked through at the end
     from gustproof.cli.app import app
 
-    signals.interrupt_commands()
     status: object = 0
     try:
         app(prog_name="gustproof")

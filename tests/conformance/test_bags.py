@@ -13,6 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from pydantic_core import to_jsonable_python
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from firmware_model.config.scenario import load_scenario
 from firmware_model.errors import ConfigError
@@ -59,7 +60,8 @@ def xyz(vector) -> list[float]:
 
 def test_mcap_and_its_ros2_decoder_find_every_number_under_its_ros_name(bag):
     records, found = flight(rates=True), by_topic(bag)
-    assert set(found) == {"/flight", "/mode", *(topic.name for topic in (*TOPICS, *ANGLE_TOPICS))}
+    named = {topic.name for topic in (*TOPICS, *ANGLE_TOPICS)}
+    assert set(found) == {"/flight", "/mode", "/tf", "/tf_static", *named}
     for i in range(N):
         one = {topic: messages[i][1] for topic, messages in found.items() if len(messages) == N}
         expected = {
@@ -106,6 +108,25 @@ def test_stamps_are_model_time_and_frames_say_ned_and_frd(bag):
             assert message.header.frame_id == frames.get(topic.name, "base_link_frd")
 
 
+def test_transforms_place_the_body_in_ned_and_join_it_to_enu_and_flu(bag):
+    """Five samples of 4 ms lie between two poses; the axes of ROS are written out, parent from child."""
+    records, found = flight(rates=True), by_topic(bag)
+    moving = [message.transforms[0] for _, message in found["/tf"]]
+    assert len(moving) == -(-N // 5)
+    for each, record in zip(moving, records[::5], strict=True):
+        assert (each.header.frame_id, each.child_frame_id) == ("map_ned", "base_link_frd")
+        assert xyz(each.transform.translation) == record["position_N"].tolist()
+        assert [each.transform.rotation.w, *xyz(each.transform.rotation)] == record["q_NB"].tolist()
+        stamp = each.header.stamp
+        assert stamp.sec * 10**6 + stamp.nanosec // 1000 == record["time_us"]
+    ((_, static),) = found["/tf_static"]
+    turns = {(each.header.frame_id, each.child_frame_id): each.transform.rotation for each in static.transforms}
+    axes = {pair: Rotation.from_quat([*xyz(turn), turn.w]).as_matrix() for pair, turn in turns.items()}
+    assert axes.keys() == {("map", "map_ned"), ("base_link_frd", "base_link")}
+    assert axes["map", "map_ned"] == pytest.approx(np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]))
+    assert axes["base_link_frd", "base_link"] == pytest.approx(np.diag([1, -1, -1]))
+
+
 def test_an_unknown_attitude_is_marked_as_the_imu_message_asks(bag):
     assert all(message.orientation_covariance[0] == -1.0 for _, message in by_topic(bag)["/imu"])
 
@@ -147,7 +168,7 @@ def test_the_flight_topic_names_the_flight_and_the_mode_is_written_when_it_chang
 def test_rosbags_own_reader_accepts_the_folder_and_its_metadata(bag):
     with AnyReader([bag]) as reader:
         assert {connection.topic for connection in reader.connections} >= {"/imu", "/flight"}
-        assert reader.message_count == N * (len(TOPICS) + len(ANGLE_TOPICS)) + 3
+        assert reader.message_count == N * (len(TOPICS) + len(ANGLE_TOPICS)) + 3 + 1 + -(-N // 5)
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)

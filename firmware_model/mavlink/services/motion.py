@@ -1,6 +1,6 @@
 """Motion: measurements, estimated attitude, true state, and the wind at the vehicle.
 
-MAVLink, messages 30, 31, 105, 115, 231.
+MAVLink, messages 30, 31, 105, 115, 231; command 43004, a wind that a ground station or a companion estimates.
 """
 
 import math
@@ -8,8 +8,17 @@ import math
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.mavlink.frames import Message
+from firmware_model.mavlink.peers import Client
 from firmware_model.mavlink.services.geodesy import ORIGIN_HEIGHT, clip_int16, to_centi, to_geodetic
-from firmware_model.mavlink.services.service import Service, Stream, VehicleContext
+from firmware_model.mavlink.services.service import (
+    ACCEPTED,
+    DENIED,
+    CommandAck,
+    Service,
+    Stream,
+    VehicleCommand,
+    VehicleContext,
+)
 from firmware_model.numerics.compiled import compiled
 from firmware_model.numerics.rotations import rotate, to_euler
 from firmware_model.sim.vehicle_loop import VehicleLoop
@@ -17,6 +26,7 @@ from firmware_model.types import ImuSample, Quaternion, Vector
 
 _MILLI_G = 1000.0 / 9.80665
 _UNKNOWN = math.nan
+_FASTEST_WIND = 150.0  # [m/s] more than any that was measured
 
 
 def make_service(context: VehicleContext) -> Service:
@@ -39,15 +49,33 @@ def make_service(context: VehicleContext) -> Service:
         time_us = loop.observe().time_us
         return wind_message(time_us, air_velocity_N(loop), loop.true_vector("position_N"))
 
+    def hear_wind(command: VehicleCommand, _: Client) -> CommandAck:
+        speed, _accuracy, bearing = command.params[:3]
+        if speed is None or not 0.0 <= speed <= _FASTEST_WIND or bearing is None:
+            return CommandAck(DENIED, "wind: needs a speed to 150 m/s and a bearing")
+        context.send_text(describe_wind(speed, bearing, air_velocity_N(loop)), wire.MAV_SEVERITY_INFO)
+        return ACCEPTED
+
     return Service(
+        commands={wire.MAV_CMD_EXTERNAL_WIND_ESTIMATE: hear_wind},
         streams={
             wire.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(loop.observe, 20_000),
             wire.MAVLINK_MSG_ID_ATTITUDE: Stream(attitude, 10_000),
             wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(attitude_quaternion, 20_000),
             wire.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: Stream(truth, 20_000),
             wire.MAVLINK_MSG_ID_WIND_COV: Stream(wind, 100_000),
-        }
+        },
     )
+
+
+def describe_wind(speed: float, bearing: float, air_N: Vector) -> str:
+    """Return how far a level wind of `speed` [m/s] from `bearing` [deg] is from the air velocity [m/s] N, in words.
+
+    Navigation is ideal here, so no estimator takes the wind: whoever estimates one is told how good it is.
+    """
+    angle = math.radians(bearing)
+    off = math.hypot(-speed * math.cos(angle) - air_N[0], -speed * math.sin(angle) - air_N[1])
+    return f"wind {speed:.1f} m/s from {bearing % 360.0:.0f} deg: off by {off:.1f} m/s"
 
 
 def air_velocity_N(loop: VehicleLoop) -> Vector:

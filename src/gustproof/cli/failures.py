@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from firmware_model.config.validation import did_you_mean, none_of, printable
 from firmware_model.errors import ConfigError
+from gustproof.cli import signals
 from gustproof.errors import DesignError, FlightError
 
 # The error of wrong options, of typer's own copy of click or of the package, whichever this typer has.
@@ -37,8 +38,12 @@ class OneLineErrors(TyperGroup):
     """Group of subcommands whose expected failures print one line instead of a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the subcommand; an unexpected error still shows its traceback."""
+        """Run the subcommand; an unexpected error still shows its traceback.
+
+        From here on a signal ends it in order. Before, nothing has begun that would need it.
+        """
         try:
+            signals.interrupt_commands()
             return copy_context().run(super().invoke, ctx)  # --force holds for this command alone
         except (ConfigError, DesignError) as error:
             raise exit_with(str(error), ExitStatus.BAD_INPUT) from None

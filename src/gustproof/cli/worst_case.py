@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from gustproof.studies.worst_case.moment_search import WorstCase
     from gustproof.studies.worst_case.shrink import SmallestCase
 
+_TURNED_OVER_DEG = 90.0
 _SHARE = 0.9  # [-] of the worst error, that a shrunk flight reaches by default
 
 
@@ -204,7 +205,10 @@ def _print(law: str, found: "WorstCase", horizon: float) -> None:
         print(f"{law}: diverges within {horizon:g} s; found in {found.flights} flights, from: {found.start}")
     else:
         phi, theta, psi = found.peaks_deg
-        peaks = f"phi {phi:.2f}, theta {theta:.2f}, psi {psi:.2f}"
-        print(f"{law}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
+        if max(phi, theta) > _TURNED_OVER_DEG:  # Euler angles count whole turns then: they are no tilt
+            print(f"{law}: turns over in {horizon:g} s: roll reaches {phi:.0f} deg, pitch {theta:.0f}, yaw {psi:.0f}")
+        else:
+            peaks = f"roll {phi:.2f}, pitch {theta:.2f}, yaw {psi:.2f}"
+            print(f"{law}: {found.peak_deg:.2f} deg ({peaks}) in {horizon:g} s")
         print(f"found in {found.flights} flights, from: {found.start} ({found.start_deg:.2f} deg there)")
         print(f"linear theory for the nominal vehicle predicts at most {found.linear_deg:.2f} deg in the budget")

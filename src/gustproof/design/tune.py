@@ -204,6 +204,12 @@ def wanted_slew(vehicle: Vehicle, scenario: Scenario, slew: float | None, sensit
     wanted = default_slew(vehicle, scenario) if slew is None else slew
     if not (math.isfinite(wanted) and wanted > 0.0):
         raise DesignError(f"slew {wanted:g} N m/s: must be above 0, such as 20; calm air asks for none, so give one")
+    most = 2.0 * math.hypot(*vehicle.torque_limit) / scenario.dt
+    if wanted > most:
+        raise DesignError(
+            f"slew {wanted:g} N m/s: torques of vehicle '{vehicle.name}' change by at most {most:.0f} N m/s rms, from "
+            "limit to limit at each sample"
+        )
     if not 1.0 < sensitivity_peak < 10.0:
         raise DesignError(f"sensitivity peak {sensitivity_peak}: must be between 1 and 10")
     return wanted

@@ -20,11 +20,13 @@ from gustproof.flight.recording.definitions import (
     LOG,
     MODE,
     REQUIREMENT,
+    TF_MESSAGE,
     definition,
     rotors_message,
 )
 from gustproof.flight.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
-from gustproof.flight.recording.topics import ANGLE_TOPICS, ESTIMATE_TOPICS, TOPICS
+from gustproof.flight.recording.topics import ANGLE_TOPICS, BASE_LINK_FRD, ESTIMATE_TOPICS, MAP_NED, TOPICS
+from gustproof.flight.recording.transforms import TF_S, TF_STATIC_TOPIC, TF_TOPIC
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
 from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
 
@@ -140,6 +142,8 @@ _TOLD_TOPICS = (
     ("/mode", MODE, "mode of the autopilot, at each change"),
     (EVENTS_TOPIC, LOG, "a line as each gust, fault and event begins and ends"),
     (REQUIREMENTS_TOPIC, REQUIREMENT, "result of each requirement, at the end of its window"),
+    (TF_TOPIC, TF_MESSAGE, f"true pose of `{BASE_LINK_FRD}` in `{MAP_NED}`, each {1e3 * TF_S:.0f} ms"),
+    (TF_STATIC_TOPIC, TF_MESSAGE, "`map` is east, north, up; `base_link` is forward, left, up"),
 )
 """Topics without a stream of numbers: name, type and content."""
 

@@ -338,8 +338,8 @@ def test_a_part_of_the_moment_is_not_proven_by_the_maker_nor_by_the_check(partly
     for result, start in ((made, "flagship on paper: "), (checked, "")):
         assert result.exit_code == 1
         assert result.stdout.startswith(f"{start}NOT proven for 650, 650, 300 N m; proven for 0.29")
-        assert "moment up to [N m]       [1.9" in result.stdout
-        assert "moment asked [N m]       [650.0, 650.0, 300.0]" in result.stdout
+        assert "moment up to [N m]       1.9" in result.stdout
+        assert "moment asked [N m]       650, 650, 300\n" in result.stdout
     told = json.loads(run("check", str(path), "--law", "flagship", "--vehicle", "paper", "--json").stdout)
     assert (told["proven"], told["part"] < 0.003) == (False, True)
 

@@ -104,6 +104,7 @@ def test_help_loads_nothing_heavy():
         (("fly", "paper", "--law", ""), "no law named ''"),
         (("fly", "paper", "--law", "pid-fair", "--vehicle", "iris"), "'pid-fair' is unstable on vehicle 'iris'"),
         (("tune", "iris", "--slew", "0"), "slew 0 N m/s: must be above 0, such as 20"),
+        (("tune", "iris", "--slew", "1e30"), "torques of vehicle 'iris' change by at most 892 N m/s rms"),
         (("tune", "iris", "--ms", "1"), "sensitivity peak 1.0: must be between 1 and 10"),
         (("tune", "iris", "--scenario", "calm"), "'calm' has no turbulence"),
         (("tune", "iris", "-o", "law.params"), "a law file ends in .json"),

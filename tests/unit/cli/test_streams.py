@@ -54,7 +54,7 @@ def test_a_file_never_takes_the_place_of_a_closed_stream(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-@pytest.mark.parametrize("place", ["before", "command", "after"])
+@pytest.mark.parametrize("place", ["before", "parser", "command", "after"])
 def test_a_signal_at_any_moment_ends_in_one_line(name, place):
     code = f"""
 import os, signal, sys
@@ -64,6 +64,10 @@ interrupt = lambda *_, **__: os.kill(os.getpid(), signal.{name})
 place = {place!r}
 if place == "before":
     streams.prepare = interrupt
+elif place == "parser":  # commands are being made of functions
+    import typer.main
+    made = typer.main.get_group_from_info
+    typer.main.get_group_from_info = lambda *args, **named: (interrupt(), made(*args, **named))[1]
 elif place == "command":
     app.OneLineErrors.invoke.__globals__["copy_context"] = interrupt
 else:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
+from gustproof.cli.worst_case import _print
 from gustproof.law.form import load_law
 
 SHORT = ("worst-case", "hinf-d1", "--flights", "100", "--horizon", "2")
@@ -100,3 +102,18 @@ def test_law_of_another_vehicle_is_named():
     unstable, other = json.loads(result.stdout)["warnings"]
     assert "unstable on vehicle 'iris'" in unstable
     assert "designed for vehicle 'paper', not 'iris'" in other
+
+
+@pytest.mark.parametrize(
+    ("peaks", "told"),
+    [
+        ((268.36, 89.95, 266.14), "hinf-d1: turns over in 60 s: roll reaches 268 deg, pitch 90, yaw 266"),
+        ((1.234, 0.5, 0.25), "flagship: 1.23 deg (roll 1.23, pitch 0.50, yaw 0.25) in 60 s"),
+    ],
+)
+def test_angles_that_count_whole_turns_are_told_as_no_tilt(peaks, told, capsys):
+    found = SimpleNamespace(
+        peak_deg=max(peaks), peaks_deg=peaks, flights=3, start="a sine", start_deg=1.0, linear_deg=2.0
+    )
+    _print(told.partition(":")[0], found, 60.0)
+    assert capsys.readouterr().out.splitlines()[0] == told

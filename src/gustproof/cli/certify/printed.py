@@ -142,5 +142,16 @@ def show_assumptions(assumes: dict[str, Any]) -> None:
         if key in _IDLE and not value:
             continue
         unbounded = key in _UNBOUNDED and value in (None, 0)
-        text = _UNBOUNDED[key] if unbounded else "none" if value is None else value
+        text = _UNBOUNDED[key] if unbounded else "none" if value is None else _shorten(value)
         say(f"  {_ASSUMPTIONS.get(key, key):24} {', '.join(value) if key == 'not_covered' else text}")
+
+
+def _shorten(value: Any) -> Any:
+    """Return numbers in four digits, rounded down as assumptions are; the certificate has all of them."""
+    from gustproof.checker.directed_rounding import print_down
+
+    if isinstance(value, float):
+        return print_down(value, 4)
+    if isinstance(value, list | tuple) and all(isinstance(each, float) for each in value):
+        return ", ".join(print_down(each, 4) for each in value)
+    return value

@@ -52,6 +52,7 @@ from gustproof.flight.recording.topics import (
     rotors_in,
     times_us,
 )
+from gustproof.flight.recording.transforms import TF_STATIC_TOPIC, TF_TOPIC, encode_tf, static_message, tf_rows
 
 FLIGHT_TOPIC, MODE_TOPIC, RATES_TOPIC = "/flight", "/mode", "/command/rates"
 UNFINISHED_PREFIX = ".bag-"
@@ -260,6 +261,12 @@ def _write_derived(
     writer: BagWriter, records: Records, scenario: Scenario | None, requirements: Iterable[Mapping[str, Any]]
 ) -> None:
     """Write the topics for viewers; those of events and requirements need the scenario."""
+    start_us = int(records["time_us"][0])
+    static = _add_topic(writer, TF_STATIC_TOPIC, definitions.TF_MESSAGE, latched=True)
+    writer.write(static, start_us * 1000, static_message(start_us))
+    frames, shown = _add_topic(writer, TF_TOPIC, definitions.TF_MESSAGE), tf_rows(records)
+    for block in record_blocks(records[shown]):
+        writer.write_interleaved(block["time_us"].astype(np.int64) * 1000, [(frames, encode_tf(block))])
     for topic in ANGLE_TOPICS:
         _write_rows(writer, topic, angle_blocks(records, scenario))
     if scenario is None:

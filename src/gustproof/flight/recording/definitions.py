@@ -11,6 +11,8 @@ from firmware_model.config.vehicle import MOST_ROTORS
 FLIGHT, MODE, COMMAND_AGE, ANGLES, REQUIREMENT = (
     f"gustproof_msgs/msg/{name}" for name in ("Flight", "Mode", "CommandAge", "Angles", "Requirement")
 )
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+"""Standard type of frames: 3D views of Foxglove and RViz place things by it."""
 LOG = "rcl_interfaces/msg/Log"
 """Standard type of a log line: viewers list it with its time."""
 _PLACES = {4: ": front right, rear left, front left, rear right"}
@@ -114,6 +116,11 @@ float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance
 """,
+    "geometry_msgs/msg/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    "geometry_msgs/msg/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
+    ),
+    TF_MESSAGE: "geometry_msgs/TransformStamped[] transforms",
     LOG: """uint8 DEBUG=10
 uint8 INFO=20
 uint8 WARN=30

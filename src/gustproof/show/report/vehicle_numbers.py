@@ -1,5 +1,6 @@
 """Results of an identification as text and as a document of JSON."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -66,9 +67,9 @@ def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
         return (label, *map(cell, found.axes))
 
     rows = [
-        ("actuator lag [ms]", _format_interval(found.actuator_lag, 1e3), "", ""),
-        ("delay of the command [ms]", _format_interval(found.delay, 1e3), "", ""),
-        ("lag and delay together [ms]", _format_interval(found.lateness, 1e3), "", ""),
+        ("actuator lag [ms]", _format_interval(found.actuator_lag, 1e3, least=0.0), "", ""),
+        ("delay of the command [ms]", _format_interval(found.delay, 1e3, least=0.0), "", ""),
+        ("lag and delay together [ms]", _format_interval(found.lateness, 1e3, least=0.0), "", ""),
         by_axis(f"gain [rad/s²{'' if torque == '1' else f' per {torque}'}]", lambda axis: _format_interval(axis.gain)),
     ]
     if found.motor_gains is not None:
@@ -101,8 +102,9 @@ def render_identification(shown: ShownVehicle) -> Renderable:
     return Group(table, *(Text(f"warning: {line}", style="yellow") for line in shown.findings))
 
 
-def _format_interval(interval: Interval | None, scale: float = 1.0) -> str:
+def _format_interval(interval: Interval | None, scale: float = 1.0, *, least: float = -math.inf) -> str:
+    """Return value and interval, of which what is below the `least` possible is left out."""
     if interval is None:
         return "–"
-    low, nominal, high = (f"{scale * value:.3g}" for value in interval)
+    low, nominal, high = (f"{max(scale * value, least):.3g}" for value in interval)
     return f"{nominal} ({low} .. {high})"

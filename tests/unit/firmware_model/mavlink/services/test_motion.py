@@ -48,3 +48,22 @@ def test_truth_beyond_the_fields_range_is_clipped_not_refused():
     message = motion.truth_message(SAMPLE, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, (1e6, -1e6, 0.0), 1e6)
     assert (message.vx, message.vy) == (32767, -32768)
     message.pack(wire.MAVLink(None, 1, 1))
+
+
+def test_an_estimate_of_the_wind_is_answered_with_its_error(craft, order, monkeypatch):
+    """Air that moves 8 m/s to the east is a wind from 270 deg."""
+    monkeypatch.setattr(motion, "air_velocity_N", lambda _: (0.0, 8.0, 0.3))
+    service = motion.make_service(craft)
+    assert order(service, wire.MAV_CMD_EXTERNAL_WIND_ESTIMATE, 8.0, 1.0, 270.0)[0] == wire.MAV_RESULT_ACCEPTED
+    order(service, wire.MAV_CMD_EXTERNAL_WIND_ESTIMATE, 8.0, 1.0, 90.0)
+    assert craft.texts == [
+        "wind 8.0 m/s from 270 deg: off by 0.0 m/s",
+        "wind 8.0 m/s from 90 deg: off by 16.0 m/s",
+    ]
+
+
+@pytest.mark.parametrize("params", [(-1.0, 0.0, 90.0), (1e30, 0.0, 90.0), (5.0, 0.0, None), (None, 0.0, 90.0)])
+def test_a_wind_without_speed_or_bearing_is_denied(craft, order, params):
+    result, text = order(motion.make_service(craft), wire.MAV_CMD_EXTERNAL_WIND_ESTIMATE, *params)
+    assert (result, len(text) <= 50) == (wire.MAV_RESULT_DENIED, True)
+    assert craft.texts == []
