@@ -23,6 +23,8 @@ ANGLE ATTITUDE BRAKE HEARTBEAT HOLD LAND STABILIZED
 """
 """Abbreviations that need no explanation: names of formats, licences, protocols, programs, plants, modes, messages."""
 EXPLAINED = {
+    "NED": "north, east, down (NED",
+    "ENU": "east, north, up (ENU)",
     "IQC": "integral quadratic constraints",
     "LPV": "linear parameter-varying",
     "MCAP": "one MCAP file of ROS 2 messages",
