@@ -23,6 +23,8 @@ from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBl
 
 _HALVINGS = 40
 """Number of halvings that place the crossing of a pole on a line of parameters."""
+_SAME = 1e-3
+"""[-] relative difference of a gain from the inverse of its radius at which both are mu."""
 _RADII = 12
 """Most radii of the other blocks at which the gain at the last one is searched."""
 SHARES = (0.998, 0.99, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
@@ -169,14 +171,16 @@ def matrix_lower_bound(
     swapped, others = M[np.ix_(z, w)], tuple(blocks[k] for k in order[:-1])
     beta = upper if math.isfinite(upper) else float(np.linalg.norm(M, 2))
     best, delta, most = 0.0, dict[str, ArrayLike](), 2.0 * beta
+    enough = (1.0 - _SAME) * upper  # no gain is larger at the first radius
     for _ in range(_RADII):
-        found = worst_delta(swapped, others, radius=1.0 / beta, repeated=repeated)
+        found = worst_delta(swapped, others, radius=1.0 / beta, repeated=repeated, enough=enough)
         if min(beta, found.gain) > best:
             best = min(beta, found.gain)
             delta = {**found.parts(others), blocks[last].name: _closing_matrix(swapped, found, repeated=repeated)}
-        if found.gain <= 0.0 or abs(found.gain - beta) <= 1e-3 * beta:
+        if found.gain <= 0.0 or abs(found.gain - beta) <= _SAME * beta:
             break
         beta, most = _next_radius(beta, found.gain, best, most)
+        enough = math.inf
     return best, delta
 
 

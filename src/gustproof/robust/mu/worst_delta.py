@@ -42,20 +42,27 @@ class WorstDelta:
 
 
 def worst_delta(
-    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0, repeated: bool = False
+    M: ComplexMatrix,
+    blocks: tuple[DeltaBlock, ...],
+    *,
+    radius: float = 1.0,
+    seed: int = 0,
+    repeated: bool = False,
+    enough: float = np.inf,
 ) -> WorstDelta:
     """Return a Delta within `radius` that makes the gain of `F_u(M, Delta)` large: a local maximum, often the global.
 
     Conditional gradients from many starts. Each step linearises the gain in Delta and finds the best vertex of the
     ball. That is a corner for real parameters, an aligned matrix of rank one for full blocks. The step keeps the best
     point on the way to it. For full blocks alone, this is the power iteration of Packard, Fan and Doyle. With
-    `repeated`, the gain is the spectral radius, that which a repeated complex number meets.
+    `repeated`, the gain is the spectral radius, that which a repeated complex number meets. No start follows
+    one that has reached the gain `enough`.
 
     References
     ----------
     P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
     """
-    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, seed)
+    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, seed, enough)
 
 
 def most_unstable_delta(
@@ -79,8 +86,14 @@ def most_singular_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, see
     return _search(lambda Delta: _largest_real_eigenvalue(M.real, Delta.real), blocks, 1.0, seed)
 
 
-def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, seed: int) -> WorstDelta:
-    found = [_ascend(objective, blocks, radius, radius * start) for start in _starts(blocks, seed)]
+def _search(
+    objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, seed: int, enough: float = np.inf
+) -> WorstDelta:
+    found: list[WorstDelta] = []
+    for start in _starts(blocks, seed):
+        found.append(_ascend(objective, blocks, radius, radius * start))
+        if found[-1].gain >= enough:
+            break
     return max(found, key=lambda result: result.gain)
 
 
