@@ -22,6 +22,8 @@ Names are loaded when they are first used. They and their modules stand in `__in
 (Scientific Python, SPEC 1).
 """
 
+import sys
+
 from gustproof.version import __version__ as __version__
 
 _stubs: dict[str, dict[str, tuple[str, str]]] = {}
@@ -59,7 +61,10 @@ def load_name(package: str, name: str) -> object:
     from importlib import import_module
 
     module, attribute = sources[name]
-    return getattr(import_module(module), attribute)
+    value: object = getattr(import_module(module), attribute)
+    if "ipykernel" in sys.modules:  # a notebook, where a long silence looks like a fault
+        value = import_module("gustproof.show.notebook_progress").with_bar(value)
+    return value
 
 
 def __getattr__(name: str) -> object:

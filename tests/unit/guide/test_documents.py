@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -134,3 +135,32 @@ def test_every_command_with_json_has_a_document() -> None:
             for each, part in parts.items()
             if "--json" in {option for parameter in part.params for option in parameter.opts}
         ), name
+
+
+NEWCOMERS = (
+    "law laws|multirotor|MAVLink|H-infinity|moment moments|budget|bound bounds|exact arithmetic|gust gusts|PX4|"
+    "ArduPilot|test stand|RMSE|slew|Ms|margin margins|delay in samples|gain gains|flagship|pid-fair|scenario|seed|"
+    "envelope|p q r"
+)
+"""The 24 terms that a newcomer once met before the first moving picture; forms of one stand side by side."""
+
+
+def terms_in(text: str) -> list[str]:
+    """Return the newcomer's terms in a text."""
+    forms = {
+        each: [each] if each in ("exact arithmetic", "delay in samples", "test stand") else each.split()
+        for each in NEWCOMERS.split("|")
+    }
+    return [term for term, words in forms.items() if any(re.search(rf"(?<![\w`]){word}(?!\w)", text) for word in words)]
+
+
+def test_a_newcomer_meets_twelve_terms_at_most_before_the_first_moving_picture() -> None:
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    before, command, _ = readme.partition("gustproof fly gust-roll --view")
+    assert command
+    live = Path(str(files("gustproof.show.live") / "assets"))
+    labels = " ".join(re.findall(r"names: \[(.*?)\]", (live / "view.js").read_text(encoding="utf-8"))).replace('"', " ")
+    page = re.sub(r"<[^>]*>", " ", (live / "index.html").read_text(encoding="utf-8")) + labels + " flagship "
+    prose = re.sub(r"\]\([^)]*\)|`[^`]*`", "", before)
+    assert len(terms_in(prose + page)) <= 12, terms_in(prose + page)
+    assert terms_in("Slew is told by p, of laws on a test stand; notslew") == ["law laws", "test stand", "p q r"]
