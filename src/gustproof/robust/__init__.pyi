@@ -1,4 +1,3 @@
-from gustproof.robust.coprime.gapmetric import Gap as Gap
 from gustproof.robust.coprime.gapmetric import gapmetric as gapmetric
 from gustproof.robust.coprime.ncfsyn import ShapedController as ShapedController
 from gustproof.robust.coprime.ncfsyn import ncfmargin as ncfmargin
@@ -47,4 +46,5 @@ from gustproof.robust.uncertain.uncertain_system import append as append
 from gustproof.robust.uncertain.uncertain_system import feedback as feedback
 from gustproof.robust.uncertain.uncertain_system import lft as lft
 from gustproof.robust.uncertain.uncertain_system import simplify as simplify
+from gustproof.robust.uncertain.uncertain_system import uss as uss
 from gustproof.robust.uncertain.uncertainty import Spreads as Spreads

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gustproof.errors import DesignError
 from gustproof.robust.coprime.factors import coprime_factors
 from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names
 from gustproof.robust.lti.bilinear import tustin
 from gustproof.robust.lti.norms import Peak, hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, lft, series
+from gustproof.robust.lti.state_space import LinearSystem, Lti, as_controller, as_lti, lft, series
 
 _ROUNDING = 1e-6
 """[-] relative excess of the norm over its level that counts as rounding: the level is met with equality."""
@@ -126,10 +127,11 @@ class NcfMargin(NamedTuple):
     """[rad/s] frequency at which it is least."""
 
 
-def ncfmargin(P: LinearSystem, K: LinearSystem, sign: float = -1.0) -> NcfMargin:
+def ncfmargin(P: LinearSystem, K: LinearSystem | ArrayLike, sign: float = -1.0) -> NcfMargin:
     """Return the margin of a plant and any controller for wrong coprime factors (MATLAB: `ncfmargin`).
 
-    It is `1 / ||[K; I] (I - P K)^-1 [I, P]||` with the sign of the feedback in `K`: -1 for `u = -K y`.
+    It is `1 / ||[K; I] (I - P K)^-1 [I, P]||` with the sign of the feedback in `K`: -1 for `u = -K y`. A number or
+    matrix `K` is a gain.
 
     Raises
     ------
@@ -140,11 +142,12 @@ def ncfmargin(P: LinearSystem, K: LinearSystem, sign: float = -1.0) -> NcfMargin
     --------
     >>> from control import tf
     >>> from gustproof.robust import ncfmargin
-    >>> f"{ncfmargin(tf(1, [1, 0]), tf(1, 1)).margin:.4f}"
+    >>> f"{ncfmargin(tf(1, [1, 0]), 1.0).margin:.4f}"
     '0.7071'
     """
-    C = as_lti(K)
-    peak = check_shaped_loop(as_lti(P), C if sign > 0.0 else -C)
+    plant = as_lti(P)
+    C = as_controller(K, plant.dt)
+    peak = check_shaped_loop(plant, C if sign > 0.0 else -C)
     return NcfMargin(1.0 / peak.gain if peak.gain > 0.0 else np.inf, peak.omega)
 
 

@@ -65,7 +65,11 @@ class ReducedSystem(Shown):
         values = ", ".join(f"{value:.3g}" for value in self.hankel[:6])
         more = f" and {len(self.hankel) - 6} more" if len(self.hankel) > 6 else ""
         error = f"error: {self.error:.4g}, at most {self.bound:.4g}"
-        return [f"ReducedSystem: {self.order} states, {self.kept} of them unstable", error, f"Hankel: {values}{more}"]
+        return [
+            f"ReducedSystem: {self.order} state{'s' * (self.order != 1)}, {self.kept} of them unstable",
+            error,
+            f"Hankel: {values}{more}",
+        ]
 
 
 def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.TRUNCATE) -> ReducedSystem:

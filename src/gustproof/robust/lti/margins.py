@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.balancing import balance_states, separating_units
 from gustproof.robust.lti.norms import hinf_norm
@@ -14,6 +15,7 @@ from gustproof.robust.lti.state_space import (
     LinearSystem,
     Lti,
     Matrix,
+    as_controller,
     as_lti,
     gain,
     lft,
@@ -95,8 +97,10 @@ class Margins(Shown):
         return ["Margins", disks, *loops]
 
 
-def margins(G: LinearSystem, K: LinearSystem) -> Margins:
+def margins(G: LinearSystem, K: LinearSystem | ArrayLike) -> Margins:
     """Return the margins of the plant `G` under the stabilising controller `K` with positive feedback, `u = K y`.
+
+    A number or matrix `K` is a gain.
 
     Raises
     ------
@@ -221,9 +225,10 @@ def largest_disk(peak: float) -> float:
     return _LARGEST_DISK if _LARGEST_DISK * peak <= 1.0 else 1.0 / peak
 
 
-def _loop_parts(G: LinearSystem, K: LinearSystem) -> tuple[Lti, Lti]:
+def _loop_parts(G: LinearSystem, K: LinearSystem | ArrayLike) -> tuple[Lti, Lti]:
     """Return a plant and its controller; raise if their sizes do not fit."""
-    plant, controller = as_lti(G), as_lti(K)
+    plant = as_lti(G)
+    controller = as_controller(K, plant.dt)
     if (controller.n_inputs, controller.n_outputs) != (plant.n_outputs, plant.n_inputs):
         raise ValueError(
             f"K is {controller.n_outputs} x {controller.n_inputs}, must be {plant.n_inputs} x {plant.n_outputs} for G"

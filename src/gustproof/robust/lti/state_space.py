@@ -7,7 +7,7 @@ copy it into an `Lti`; `Lti.to_control` alone makes a `control.StateSpace`.
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 import scipy
@@ -68,7 +68,7 @@ class Lti(Shown):
     >>> (lag.order, lag.is_stable())
     (1, True)
     >>> lag
-    Lti: 1 x 1, 1 states, continuous
+    Lti: 1 x 1, 1 state, continuous
     poles: stable, -2
     """
 
@@ -128,7 +128,7 @@ class Lti(Shown):
     def describe_size(self) -> str:
         """Return outputs, inputs, states and sample time in words."""
         time = f"{self.dt:g} s" if self.dt else "continuous"
-        return f"{self.n_outputs} x {self.n_inputs}, {self.order} states, {time}"
+        return f"{self.n_outputs} x {self.n_inputs}, {self.order} state{'s' * (self.order != 1)}, {time}"
 
     def poles(self) -> ComplexMatrix:
         """Return the eigenvalues of `A`, (n,) [rad/s], or [-] in discrete time."""
@@ -214,6 +214,8 @@ def as_lti(system: LinearSystem) -> Lti:
 
 def _give_states(system: Any) -> Any:
     """Return the state space of a transfer function."""
+    if hasattr(system, "substitute"):
+        raise ValueError("an uncertain system is a family: take a member by substitute, or robstab, wcgain, wcmargin")
     if not hasattr(system, "num"):
         raise ValueError(f"{type(system).__name__} is no linear system: take a state space or a transfer function")
     from control import tf2ss  # takes seconds: imported on use only
@@ -222,6 +224,11 @@ def _give_states(system: Any) -> Any:
         return tf2ss(system)
     except (ValueError, NotImplementedError) as error:
         raise ValueError(f"the transfer function has no state space: {error}") from None
+
+
+def as_controller(K: LinearSystem | ArrayLike, dt: float) -> Lti:
+    """Return a read-only copy of a controller; a number or matrix is a gain with the sample time `dt` [s]."""
+    return as_lti(cast(LinearSystem, K)) if hasattr(K, "dt") or hasattr(K, "A") else gain(K, dt)
 
 
 def as_continuous(name: str, system: LinearSystem) -> Lti:

@@ -4,9 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, sensitivity, series
+from gustproof.robust.lti.state_space import LinearSystem, Lti, as_controller, as_lti, sensitivity, series
 from gustproof.robust.mu.singular_value import mu
 from gustproof.robust.mu.sweep import Bracket
 from gustproof.robust.shown import Shown
@@ -61,8 +62,8 @@ class DiskMargins(Shown):
         return ["Disk margins", *(place.lines()[0].removeprefix("Disk margin ") for place in places if place)]
 
 
-def diskmargin(L: LinearSystem, C: LinearSystem | None = None, *, skew: float = 0.0) -> DiskMargins:
-    """Return the disk margins of the negative-feedback loop of `L`, or of a plant `L` and a controller `C`.
+def diskmargin(L: LinearSystem, C: LinearSystem | ArrayLike | None = None, *, skew: float = 0.0) -> DiskMargins:
+    """Return the disk margins of the negative-feedback loop of `L`, or of a plant `L` and a controller or gain `C`.
 
     Each channel is multiplied by a factor `(1 + (1 - skew)/2 d) / (1 - (1 + skew)/2 d)` with `|d| < alpha`
     (MATLAB: `diskmargin`). The skew 0 balances gains above and below 1, a positive one weighs increases. A disk that
@@ -87,16 +88,17 @@ def diskmargin(L: LinearSystem, C: LinearSystem | None = None, *, skew: float = 
     if not math.isfinite(skew):
         raise ValueError(f"skew is {skew!r}, must be finite")
     plant = as_lti(L)
-    at_output = plant if C is None else series(as_lti(C), plant)
+    controller = None if C is None else as_controller(C, plant.dt)
+    at_output = plant if controller is None else series(controller, plant)
     S = sensitivity(at_output)
     n = S.n_outputs
     loops = tuple(_margin(S.subsystem([k], [k]), skew, f"at output {k + 1}") for k in range(n))
     output = _margin(S, skew, "at all outputs")
-    if C is None:
+    if controller is None:
         return DiskMargins(loops=loops, output=output)
-    at_input = series(plant, as_lti(C))
+    at_input = series(plant, controller)
     # v = (u, y) with u = -C y and y = P u: the loop of all signals
-    around = append(as_lti(C), -plant).M
+    around = append(controller, -plant).M
     p, m = plant.n_outputs, plant.n_inputs
     crossed = around.subsystem(slice(None), [*range(p, p + m), *range(p)])
     return DiskMargins(

@@ -49,8 +49,8 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
     M
         (n_z, n_w) or (k, n_z, n_w), as of `control.frequency_response` with the frequency first.
     blocks
-        A pair for each block of Delta. Real numbers repeated r times are (-r, 0), complex ones (r, 0). A full complex
-        block of p rows and m columns is (p, m).
+        A pair for each block of Delta. Real numbers repeated r times are (-r, 0), complex ones (r, 0), and (-1, 1) is
+        (-1, 0). A full complex block of p rows and m columns is (p, m).
     accuracy
         [-] relative distance of the upper bounds from the least of D-G scalings.
     boxes
@@ -72,6 +72,8 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
     >>> mussv([[0.5, 4.0], [-0.3, 0.8]], [(1, 1), (1, 1)], accuracy=1e-4)
     mu: 1.42377 to 1.42385
     """
+    if hasattr(M, "dt"):
+        raise ValueError("M is a system: take its frequency response, or robstab of the uncertain system")
     whole = np.asarray(M, dtype=np.complex128)
     known = tuple(_block(k, pair) for k, pair in enumerate(blocks))
     z, w = (sum(block.shape[axis] for block in known) for axis in (1, 0))
@@ -86,9 +88,11 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
 
 
 def _block(k: int, pair: tuple[int, int]) -> DeltaBlock:
-    p, m = pair
     name = f"block {k + 1}"
-    if m == 0 and p < 0:
+    if np.shape(pair) != (2,):
+        raise ValueError(f"{name} is {pair!r}, must be a pair: (-r, 0) real, (r, 0) complex, (p, m) full")
+    p, m = pair
+    if (p < 0 and m == 0) or (p, m) == (-1, 1):
         return RealBlock(name=name, low=-1.0, high=1.0, nominal=0.0, repeats=-p)
     if m == 0 and p > 0:
         return FullBlock(name=name, repeats=p)

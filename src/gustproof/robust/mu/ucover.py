@@ -10,6 +10,7 @@ from gustproof.errors import DesignError
 from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain
 from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors
+from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.elements import ultidyn
 from gustproof.robust.uncertain.uncertain_system import Uncertain, append
 
@@ -29,8 +30,8 @@ _ROUNDS = 40
 """Most changes of the fit's target that bring the weight down to the distance."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cover:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Cover(Shown):
     """A nominal model, a weight, and the uncertain model of both (MATLAB: `usys`, `info.W1`)."""
 
     model: Uncertain
@@ -45,6 +46,13 @@ class Cover:
     """(k,) [-] largest distance of a member from the nominal model, in the units of the form."""
     excess: float
     """[-] largest ratio of weight to distance where the distance is within 1 % of its largest; 1 is tight."""
+
+    def lines(self) -> list[str]:
+        """Return the largest distance of the family, and how tight the weight is there."""
+        k = int(np.argmax(self.distance))
+        where = f"{self.distance[k]:.4g} at {self.omega[k]:.4g} rad/s"
+        weight = f"weight: {as_lti(self.weight).describe_size()}, {self.excess:.4g} times the distance there"
+        return ["Cover", f"model: {self.model.lines()[0].removeprefix('Uncertain: ')}", f"distance: {where}", weight]
 
 
 def ucover(models: Sequence[LinearSystem], nominal: LinearSystem, order: int, *, form: Form = "input") -> Cover:

@@ -64,6 +64,8 @@ def ucomplex(name: str, nominal: float, radius: float) -> Uncertain:
     Uncertain: 1 output, 1 input, 0 states, continuous
     c: complex, within 0.3 of 1, occurs once
     """
+    if np.iscomplexobj(nominal):
+        raise ValueError(f"block '{name}' has the nominal value {nominal}, must be real")
     block = FullBlock(name=name, nominal=float(nominal), bound=float(radius), is_dynamic=False)
     return Uncertain(M=gain([[0.0, 1.0], [radius, nominal]]), blocks=(block,))
 
@@ -79,6 +81,8 @@ def ultidyn(name: str, n_outputs: int = 1, n_inputs: int = 1, *, bound: float = 
     Uncertain: 1 output, 1 input, 1 state, continuous
     unmodelled: unknown dynamics, 1 x 1, gain at most 0.4, occurs once
     """
+    if not (isinstance(n_outputs, (int, np.integer)) and isinstance(n_inputs, (int, np.integer))):
+        raise ValueError(f"block '{name}': give two whole numbers, of outputs and inputs: ultidyn('{name}', 2, 3)")
     block = FullBlock(name=name, n_outputs=n_outputs, n_inputs=n_inputs, bound=float(bound))
     passed = np.block(
         [[np.zeros((n_inputs, n_outputs)), np.eye(n_inputs)], [bound * np.eye(n_outputs), np.zeros(block.shape)]]

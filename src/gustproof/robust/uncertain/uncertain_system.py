@@ -91,8 +91,8 @@ class Uncertain(Shown):
         def __getattr__(self, name: str) -> Any:
             """Raise an error that says where functions of python-control lead."""
             raise AttributeError(
-                f"an uncertain system has no '{name}': of python-control only feedback takes one. "
-                "Take feedback, lft, append and connect of gustproof.robust, or a member by substitute"
+                f"an uncertain system has no '{name}', a member has: substitute({{}}) is the nominal one. "
+                "In place of control's functions take feedback, lft, append and connect of gustproof.robust"
             )
 
     @property
@@ -335,9 +335,72 @@ def as_uncertain(system: Any) -> Uncertain:
     if not hasattr(system, "dt"):
         if system is None or isinstance(system, str):
             raise TypeError(f"{system!r} is no system, matrix or number")
-        return Uncertain(M=gain(system))
+        return _as_matrix(system)
     inputs, outputs = signal_names(system)
     return Uncertain(M=as_lti(system), inputs=inputs, outputs=outputs)
+
+
+def _as_matrix(entries: Any, *, transposed: bool = False) -> Uncertain:
+    """Return a number, or a matrix whose entries may be uncertain numbers, as an uncertain matrix.
+
+    With `transposed` factors of an entry act in the opposite order. Its value stays, the copies of parameters may not.
+    """
+    table = np.asarray(entries)
+    if table.dtype != object:
+        return Uncertain(M=gain(table))
+    table = np.atleast_2d(table)
+    p, m = table.shape
+    at = {place: entry for place, entry in np.ndenumerate(table) if isinstance(entry, Uncertain)}
+    known = [[0.0 if (i, j) in at else float(table[i, j]) for j in range(m)] for i in range(p)]
+    matrix = Uncertain(M=gain(known))
+    for (i, j), entry in at.items():
+        if _shape(entry) != (1, 1):
+            raise ValueError(f"entry {i + 1}, {j + 1} of the matrix is {_size(entry)}, must be one number")
+        turned = replace(entry, M=gain(entry.M.D.T)) if transposed and not entry.M.order else entry
+        matrix = matrix + np.eye(p)[:, i : i + 1] @ turned @ np.eye(m)[j : j + 1]
+    return matrix
+
+
+def uss(A: Any, B: Any, C: Any, D: Any, dt: float = 0.0) -> Uncertain:
+    """Return the system `x' = A x + B u`, `y = C x + D u` with uncertain numbers as entries (MATLAB: `ss`, `uss`).
+
+    Parameters
+    ----------
+    A, B, C, D
+        (n, n), (n, m), (p, n), (p, m): arrays, or lists of lists of numbers and uncertain numbers.
+    dt
+        [s] sample time; 0 is continuous.
+
+    Raises
+    ------
+    ValueError
+        If sizes do not fit, or an entry is no number.
+
+    Examples
+    --------
+    >>> from gustproof.robust import ureal, uss
+    >>> m, c, k = ureal("m", 3.0, percent=40), ureal("c", 1.0, percent=20), ureal("k", 2.0, percent=30)
+    >>> uss([[0, 1], [-k / m, -c / m]], [[0], [1 / m]], [[1, 0]], [[0]])
+    Uncertain: 1 output, 1 input, 2 states, continuous
+    m: real, 3 in [1.8, 4.2], occurs once
+    k: real, 2 in [1.4, 2.6], occurs once
+    c: real, 1 in [0.8, 1.2], occurs once
+    """
+    found = [_stack(A, B, C, D, transposed=transposed) for transposed in (False, True)]
+    whole, n = min(found, key=lambda each: sum(block.repeats for block in each[0].blocks))
+    return system_from_matrix(whole, n, dt)
+
+
+def _stack(A: Any, B: Any, C: Any, D: Any, *, transposed: bool) -> tuple[Uncertain, int]:
+    """Return the matrix [A B; C D] and the number of states."""
+    known = (part if hasattr(part, "blocks") else _as_matrix(part, transposed=transposed) for part in (A, B, C, D))
+    a, b, c, d = known
+    n, m, p = a.n_inputs, d.n_inputs, d.n_outputs
+    if [_shape(part) for part in (a, b, c)] != [(n, n), (n, m), (p, n)]:
+        raise ValueError(f"A is {_size(a)}, B {_size(b)}, C {_size(c)}, D {_size(d)}: sizes do not fit")
+    x, u = np.split(np.eye(n + m), [n])
+    dx, y = np.split(np.eye(n + p), [n], axis=1)
+    return dx @ a @ x + dx @ b @ u + y @ c @ x + y @ d @ u, n
 
 
 def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
@@ -478,7 +541,7 @@ def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain:
     return _tidy(replace(closed, inputs=plant.inputs, outputs=plant.outputs))
 
 
-def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
+def system_from_matrix(matrix: Uncertain, order: int, dt: float = 0.0) -> Uncertain:
     """Return the system whose `[A B; C D]` is the uncertain `matrix`; its first `order` channels are x' and x."""
     if matrix.M.order or matrix.M.dt:
         raise ValueError("the matrix has states or a sample time of its own")
@@ -486,7 +549,11 @@ def system_from_matrix(matrix: Uncertain, order: int) -> Uncertain:
     out = [*range(z), *range(z + order, D.shape[0])]
     into = [*range(w), *range(w + order, D.shape[1])]
     M = Lti(
-        A=D[z : z + order, w : w + order], B=D[z : z + order, into], C=D[out, w : w + order], D=D[np.ix_(out, into)]
+        A=D[z : z + order, w : w + order],
+        B=D[z : z + order, into],
+        C=D[out, w : w + order],
+        D=D[np.ix_(out, into)],
+        dt=dt,
     )
     return Uncertain(M=M, blocks=matrix.blocks)
 

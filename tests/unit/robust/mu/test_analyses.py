@@ -203,12 +203,16 @@ def test_a_disk_margin_says_which_gains_and_phases_it_covers():
     assert S.gains[0] == pytest.approx(1.0 / (1.0 + S.lower))
     T = diskmargin(lag, skew=-1.0).output
     assert T.gains == pytest.approx((1.0 - T.lower, 1.0 + T.lower))
+    assert str(diskmargin(lag, 1)) == str(diskmargin(lag, tf(1, 1)))
     assert str(diskmargin(lag, tf(1, 1))).count("\n") == 4
+    assert float(mussv([[2.0]], [(-1, 1)]).upper) == pytest.approx(2.0)
     for wrong, message in (
         (lambda: diskmargin(tf(1, [1, -2])), "the loop is unstable"),
         (lambda: diskmargin(lag, skew=math.nan), "skew is nan"),
         (lambda: mussv(np.eye(3), [(1, 1)] * 2), r"the blocks need 2 x 2"),
         (lambda: mussv(np.eye(2), [(0, 0)] * 2), "must be at least 1 x 1"),
+        (lambda: mussv(np.eye(2), [-1, -1]), "block 1 is -1, must be a pair"),
+        (lambda: mussv(lag, [(1, 1)]), "M is a system: take its frequency response"),
         (lambda: robgain(ureal("a", range=(0, 1)) * lag, 0.0), "gamma is 0.0"),
         (lambda: robgain(lag, 10.0), "no blocks"),
         (

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from control import ss
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.norms import hinf_norm
@@ -44,6 +45,13 @@ def test_the_weight_of_lags_is_known_and_tight():
     assert abs(as_lti(cover.weight).response(1e4)[0, 0, 0]) == pytest.approx(0.25, rel=0.01)
     assert cover.excess == pytest.approx(1.0, abs=0.01)
     assert np.max(cover.distance) == pytest.approx(0.25, rel=1e-3)
+
+
+def test_a_cover_says_what_it_is_in_four_lines():
+    shown = str(ucover([ss(-1.0, 1.0, 1.0, 0.0)], ss(-2.0, 1.0, 1.0, 0.0), 1)).splitlines()
+    assert shown[1] == "model: 1 output, 1 input, 2 states, continuous"
+    assert shown[3].startswith("weight: 1 x 1, 1 state, continuous, 1")
+    assert len(shown) == 4
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from gustproof.robust import append, connect, feedback, lft, simplify, ucomplex, ultidyn, ureal
+from gustproof.robust import append, connect, feedback, hinf_norm, lft, simplify, ucomplex, ultidyn, ureal, uss
 from gustproof.robust.lti.state_space import as_lti
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 
@@ -61,6 +61,25 @@ def test_a_state_space_takes_an_uncertain_divisor_and_a_loop_is_the_formula():
             assert {block.name: block.repeats for block in loop.blocks} == {"m": 1, "k": 1}
     with pytest.raises(TypeError):
         ct.feedback(ct.ss(G), plant)
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.1])
+def test_matrices_have_uncertain_entries(dt):
+    A = [[0, 1], [-K / M, -0.2 * K * M]]
+    plant = uss(A, [[0], [1 / M]], [[1, 0], [K, M]], np.array([[0.0], [0.3]]), dt)
+    spring = uss([[0, 1], [-K / M, -3 / M]], [[0], [1 / M]], [[1, 0]], [[0]])
+    assert {block.name: block.repeats for block in spring.blocks} == {"m": 1, "k": 1}
+    for values in plant.sample(3, seed=3):
+        member, m, k = plant.substitute(values), values["m"], values["k"]
+        assert member.dt == dt
+        for found, expected in (
+            (member.A, [[0, 1], [-k / m, -0.2 * k * m]]),
+            (member.B, [[0], [1 / m]]),
+            (member.C, [[1, 0], [k, m]]),
+            (member.D, [[0], [0.3]]),
+            (spring.substitute(values).A, [[0, 1], [-k / m, -3 / m]]),
+        ):
+            assert found == pytest.approx(np.array(expected), rel=SAME, abs=SAME)
 
 
 def test_copies_go_where_they_change_nothing_and_states_stay():
@@ -136,6 +155,11 @@ def test_values_are_physical_and_nothing_is_extrapolated():
         (lambda: feedback(M, -0.5), "the feedback is not well posed"),
         (lambda: M * np.eye(2) + np.ones((3, 3)), "the sum of systems of 2 x 2 and 3 x 3"),
         (lambda: (M * np.eye(2)) @ np.ones((3, 1)), "the product of systems of 2 x 2 and 3 x 1"),
+        (lambda: uss([[0, 1]], [[1]], [[1]], [[0]]), "A is 1 x 2, B 1 x 1, C 1 x 1, D 1 x 1: sizes do not fit"),
+        (lambda: uss([[M * np.eye(2)]], 1, 1, 0), "entry 1, 1 of the matrix is 2 x 2, must be one number"),
+        (lambda: ultidyn("d", (2, 2)), r"give two whole numbers, of outputs and inputs: ultidyn\('d', 2, 3\)"),
+        (lambda: ucomplex("c", 1 + 1j, 0.3), r"block 'c' has the nominal value \(1\+1j\), must be real"),
+        (lambda: hinf_norm(M * G), "an uncertain system is a family: take a member by substitute"),
         (lambda: ureal("a", 1.0), "give one of range, percent, plus_minus"),
         (lambda: ureal("a", percent=10), "a deviation needs the nominal value"),
         (lambda: ureal("a", 0.0, percent=10), "needs finite low < nominal < high"),
@@ -157,6 +181,7 @@ def test_what_is_no_index_or_exponent_is_told():
         (lambda: M * np.array([[1j]]), ValueError, "D has complex numbers"),
         (lambda: M / 0, ValueError, "no inverse"),
         (lambda: ct.series(M, ct.ss(G)), AttributeError, "append and connect of gustproof.robust"),
+        (lambda: (M * G).poles(), AttributeError, r"no 'poles', a member has: substitute\(\{\}\) is the nominal one"),
     ):
         with pytest.raises(kind, match=message):
             wrong()
