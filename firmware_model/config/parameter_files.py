@@ -10,7 +10,7 @@ from firmware_model.errors import ConfigError
 
 DATA = Path(__file__).parent / "data" / "parameters"
 """Folder of the shipped sets, one below for each autopilot."""
-_NAME, _NUMBER = re.compile(r"[A-Z][A-Z0-9_]{0,15}"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NAME, _NUMBER = re.compile(r"[A-Z][A-Z0-9_]{0,63}"), re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _HEX = re.compile(r"0[xX][0-9a-fA-F]{1,8}")
 _FORMS = (  # beside those of a name and a value alone
     re.compile(r"\d+[\s,=]+\d+[\s,=]+(\w+)[\s,=]+(\S+)[\s,=]+\w+"),  # QGroundControl
@@ -20,12 +20,19 @@ _FORMS = (  # beside those of a name and a value alone
 _SCRIPT = re.compile(r"\s*(param\s+set|#!|\. \$\{R\})")  # begins lines of PX4's airframe files
 _CLASS = re.compile(r"\s*\.\s.*\brc\.(?!mc_|vtol_)(\w+)_defaults\b")
 _SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
+_AIRFRAME = re.compile(r"\d{3,6}_[^.]+(\.hil)?")  # names of PX4's airframe files, by their number
 _MOST_INCLUDES = 32
 SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of parameter files."""
 GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
 """Lines of files that QGroundControl and Mission Planner load, by autopilot."""
 _WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
+
+
+def is_parameter_file(name_or_path: str | Path) -> bool:
+    """Return whether a name is that of a parameter file, by its end; PX4's airframe files have none, but a number."""
+    path = Path(name_or_path)
+    return path.suffix.lower() in SUFFIXES or (_AIRFRAME.fullmatch(path.name) is not None and path.is_file())
 
 
 def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str] | None = None) -> dict[str, str]:
@@ -45,7 +52,7 @@ def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str]
         If there is no such file or set, a line holds no parameter, or it is the airframe file of no multicopter.
     """
     path = Path(name_or_path)
-    if path.suffix not in SUFFIXES:
+    if not is_parameter_file(path):
         path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
     reader = _Reader(remarks)
     reader.read(path)

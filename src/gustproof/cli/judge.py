@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from firmware_model.config.parameter_files import SUFFIXES, is_parameter_file
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.laws import PARAMETER_SUFFIXES, is_log, logged_parameters, read_gains
+from gustproof.cli.laws import is_log, logged_parameters, read_gains
 from gustproof.cli.options import (
     SEED,
     AsJson,
@@ -92,7 +93,7 @@ def judge(
     law, step, remarks = read_gains(gains, vehicles.nominal, over, log)
     remarks = (*found_in, *remarks)
     is_autopilot = autopilot_kind(law) is not None
-    check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
+    check_output(better, *((SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
     _tell_default(context, log, is_autopilot=is_autopilot)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None
@@ -127,12 +128,10 @@ def _print_next(
     stem = Path(chosen).stem
     if not is_better and found.verdict is not Verdict.SOUND:
         if better is None and (kind is None or tuned is not None):
-            print_again(
-                context, "--better", stem + ("-better.json", f"-better{PARAMETER_SUFFIXES[0]}")[kind is not None]
-            )
+            print_again(context, "--better", stem + ("-better.json", f"-better{SUFFIXES[0]}")[kind is not None])
     elif kind is None:
         print_next("export", chosen, *_export_words(found.law, vehicle, named, stem))
-    elif Path(chosen).suffix in PARAMETER_SUFFIXES and _flies_its_rotors(vehicle):
+    elif is_parameter_file(chosen) and _flies_its_rotors(vehicle):
         print_next("fly", context.params["air"], "--autopilot", kind, "--params", chosen, "--vehicle", named)
 
 

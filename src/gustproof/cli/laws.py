@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from firmware_model.config.parameter_files import is_parameter_file
 from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from gustproof.law.form import Law
     from gustproof.logs.read.flight_log import FlightLog
 
-PARAMETER_SUFFIXES = (".params", ".param", ".parm")
-"""Ends of the names of autopilots' parameter files."""
 _LAW_SUFFIXES, _LOG_SUFFIXES = ("", ".json", ".mat"), (".ulg", ".bin", ".log", ".tlog", ".csv", ".bbl", ".bfl")
 LAW_HELP = (
     "A shipped law, a .json or .mat file, or a folder of tables; parameters of PX4 or ArduPilot (.params, .param) for "
@@ -46,11 +45,6 @@ def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
     from gustproof.flight.controllers.user_controller import parse_controller
 
     return parse_controller(source) if is_user_controller(source) else find_law(source, vehicle, None)
-
-
-def is_parameter_file(name_or_path: str) -> bool:
-    """Return whether a name is that of an autopilot's parameter file."""
-    return Path(name_or_path).suffix in PARAMETER_SUFFIXES
 
 
 def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law":
@@ -189,7 +183,7 @@ def read_gains(
     if gains in AUTOPILOTS:
         model = autopilot_law(gains, {}, vehicle)
         return model.law, model.thrust_step, model.remarks
-    if path.suffix in _LAW_SUFFIXES:
+    if path.suffix in _LAW_SUFFIXES and not is_parameter_file(path):
         return read_law(gains), 0.0, ()
     findings: tuple[str, ...] = ()
     if is_log(gains):

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from firmware_model.config.parameter_files import SUFFIXES
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import PARAMETER_SUFFIXES, is_log, read_gains, tell_remarks
+from gustproof.cli.laws import is_log, read_gains, tell_remarks
 from gustproof.cli.options import (
     AsJson,
     FigureData,
@@ -85,7 +86,7 @@ def tune(
     from firmware_model.config.uncertainty import load_vehicle_set
 
     is_law = flown is None
-    check_output(output, *((".json", "a law file") if is_law else (PARAMETER_SUFFIXES, "a parameter file")))
+    check_output(output, *((".json", "a law file") if is_law else (SUFFIXES, "a parameter file")))
     check_figure(figure, data=data)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if flown is None:
@@ -97,7 +98,7 @@ def tune(
         start = _read_flown(flown, vehicles)
         _tune_autopilot(start, vehicles, script, slew, ms, output, at_once=at_once, as_json=as_json)
     if not as_json:
-        _print_next(context, output, vehicle, flown, ".json" if is_law else PARAMETER_SUFFIXES[0])
+        _print_next(context, output, vehicle, flown, ".json" if is_law else SUFFIXES[0])
 
 
 def _print_next(context: typer.Context, output: Path | None, vehicle: str, flown: str | None, suffix: str) -> None:
@@ -189,7 +190,7 @@ def _tune_autopilot(
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.filter_tuning import tune_flown
-    from gustproof.studies.rate.tuning_steps import first_flyable, is_sound, plan_steps
+    from gustproof.studies.rate.tuning_steps import describe_choice, first_flyable, plan_steps
 
     limit = wanted_slew(vehicles.nominal, script, slew, ms)
     with progress(f"tuning {start.kind}", quiet=as_json) as shown:
@@ -215,11 +216,8 @@ def _tune_autopilot(
         remarks.append(
             "the gains that flew are unstable by the model: are they those of the file, and is it the vehicle?"
         )
-    if at > 1 and not at_once:
-        better = (
-            "is the first that `judge` calls sound" if is_sound(steps[at]) else "is the last; `judge` calls none sound"
-        )
-        remarks.append(f"step {at} is written: it {better} by its sensitivity peaks")
+    if not at_once:
+        remarks += describe_choice(steps, at)
     tell_remarks(written.law.name, remarks)
     print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
     if output is not None:

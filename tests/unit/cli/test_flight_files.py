@@ -80,7 +80,7 @@ def test_a_campaign_fails_the_requirement_that_a_run_did_not_meet() -> None:
         ("fly gust-roll -o none/a.ulg", "none: no such folder"),
         ("campaign fly gust-roll -o a.parquet --shard 3/2", "--shard: is '3/2', must be I/N such as 2/8"),
         ("campaign fly gust-roll -o a.parquet --shard 1/2 --json", "a shard has no figures"),
-        ("report none -o a.ulg", "none: no such folder"),
+        ("report none -o a.ulg", "none: no such file or folder"),
         ("report none other -o a.ulg", "a ULog holds one flight"),
         ("report none --from 3", "--json, --from, --to: of a log alone"),
     ],

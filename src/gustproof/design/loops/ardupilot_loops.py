@@ -172,7 +172,12 @@ ARDUPILOT = AutopilotLoops(
     others=_OTHERS,
     hovers=r"Q_A_(RAT|ANG)_\w+",
     classes={
-        "FRAME_CLASS": {**dict.fromkeys((6.0, 11.0, 13.0), "helicopter"), 8.0: "single copter", 9.0: "coax copter"}
+        "FRAME_CLASS": {
+            **dict.fromkeys((6.0, 11.0, 13.0), "helicopter"),
+            8.0: "single copter",
+            9.0: "coax copter",
+            10.0: "bicopter",
+        }
     },
     loop_rate=("SCHED_LOOP_RATE", 50.0, 2000.0),
     rotors=_rotors,

@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from firmware_model.config.files import refuse_toml
 from firmware_model.config.firmware import is_measured
-from firmware_model.config.parameter_files import SUFFIXES, read_parameters
+from firmware_model.config.parameter_files import SUFFIXES, is_parameter_file, read_parameters
 from firmware_model.config.scenario import sample_time
 from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
@@ -128,7 +128,7 @@ def read_autopilot_law(
     ConfigError
         If there is no such file, it is not of one of these autopilots, or see `autopilot_law`.
     """
-    if path.suffix not in SUFFIXES:
+    if not is_parameter_file(path):
         refuse_toml(path)
         raise ConfigError(f"{path}: a parameter file ends in {', '.join(SUFFIXES)}")
     found: list[str] = []

@@ -73,7 +73,9 @@ def find_bags(run: Path) -> list[Path]:
         If there is none, or no such folder.
     """
     if not run.is_dir():
-        raise ConfigError(f"{run}: {'is a file, not the folder of a flight' if run.exists() else 'no such folder'}")
+        raise ConfigError(
+            f"{run}: {'is a file, not the folder of a flight' if run.exists() else 'no such file or folder'}"
+        )
     folders = [run, *sorted(run.iterdir())]
     bags = [folder for folder in folders if (folder / "metadata.yaml").is_file()]
     if not bags:

@@ -83,6 +83,18 @@ def first_flyable(steps: list[TuningStep]) -> int:
     return len(steps) - 1
 
 
+def describe_choice(steps: list[TuningStep], at: int) -> list[str]:
+    """Return the remark on the step that is written, unless it is the first and sound."""
+    sound = next((number for number, step in enumerate(steps) if number and is_sound(step)), None)
+    if at == sound == 1:
+        return []
+    if at == sound:
+        return [f"step {at} is written: it is the first that `judge` calls sound by its sensitivity peaks"]
+    others = f"step {sound} is the first that `judge` calls sound" if sound else "`judge` calls none sound"
+    why = "safer than what flies" if _is_safer(steps[at], steps[0]) else "the last"
+    return [f"step {at} is written: it is {why}, and {others} by its sensitivity peaks"]
+
+
 def is_sound(step: TuningStep) -> bool:
     """Return whether a step has the sensitivity peaks that `judge` asks for."""
     return step.margins is not None and step.tuning.Ms <= NOMINAL_PEAK and step.tuning.corner_Ms <= SPREAD_PEAK

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from firmware_model.config.firmware import ardupilot_full_torque, px4_full_torque, px4_parameters
 from firmware_model.config.gyro_filters import gyro_filters
-from firmware_model.config.parameter_files import GROUND_STATION_FORMS, read_parameters, write_parameters
+from firmware_model.config.parameter_files import (
+    GROUND_STATION_FORMS,
+    is_parameter_file,
+    read_parameters,
+    write_parameters,
+)
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
@@ -232,6 +237,15 @@ def test_a_whole_set_is_of_its_multicopter_whatever_stands_beside_its_gains(tmp_
     assert law.provenance.parameters[{"px4": "MC_ROLLRATE_P", "ardupilot": "ATC_RAT_RLL_P"}[kind]] == 0.1
 
 
+@pytest.mark.parametrize("name", ["4052_holybro_qav250", "5001_quad_+", "1001_rc_quad_x.hil", "mine.PARAM"])
+def test_px4s_airframe_files_are_read_as_they_are_called_there(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    assert is_parameter_file(path) is (name == "mine.PARAM")  # a law may be called so
+    path.write_text("#!/bin/sh\n. ${R}etc/init.d/rc.mc_defaults\nparam set-default MC_ROLLRATE_P 0.076\n")
+    assert is_parameter_file(path)
+    assert read_autopilot_law(path, VEHICLE).law.provenance.parameters["MC_ROLLRATE_P"] == 0.076
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [
@@ -243,6 +257,7 @@ def test_a_whole_set_is_of_its_multicopter_whatever_stands_beside_its_gains(tmp_
         ("#!/bin/sh\n. ${R}etc/init.d/rc.mc_defaults\n\tparam set-default MC_ROLLRATE_P 0.15\n"
          "param set MC_ROLL_P 6.5 # deg\nset MIXER quad_x\n", 2),
         ("ATC_RAT_RLL_P 0.3\n@include more.parm\n", 2),
+        ("ATC_RAT_RLL_P,0.15\nSIM_GPS1_BYTELOSS,0\nPTCH_LIMIT_MAX_DEG 5\n", 3),  # over 16 letters, in real sets
         ("ATC_RAT_RLL_P 0.15 # comment\n@include ../none.parm\n", 1),
     ],
 )  # fmt: skip

@@ -17,7 +17,7 @@ from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
 from gustproof.errors import DesignError
 from gustproof.studies.rate.judge import MOST_SLEW
-from gustproof.studies.rate.tuning_steps import MOST_GAIN, first_flyable, is_sound, plan_steps
+from gustproof.studies.rate.tuning_steps import MOST_GAIN, describe_choice, first_flyable, is_sound, plan_steps
 
 AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
 FLOWN = {
@@ -66,6 +66,11 @@ def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: py
     assert steps[at - 1].tuning.Ms <= 2.0 < steps[at - 2].tuning.Ms or steps[at - 2].tuning.corner_Ms > 2.5
     assert first_flyable([steps[at - 3], steps[at - 2], steps[at - 1]]) == 1, "safer than gains that are stable"
     assert first_flyable([now, *steps[: at - 1]]) == at - 1, "none is sound: the last"
+    assert describe_choice(steps[at - 2 : at], 1) == []
+    fragile = [steps[at - 3], steps[at - 2]]
+    assert "it is safer than what flies, and `judge` calls none sound" in describe_choice(fragile, 1)[0]
+    assert "and step 2 is the first that `judge` calls sound" in describe_choice([*fragile, steps[at - 1]], 1)[0]
+    assert "it is the last, and `judge` calls none sound" in describe_choice(fragile[::-1], 1)[0]
     with pytest.raises(DesignError, match="none of the steps is stable"):
         first_flyable([now, now])
     mine = tmp_path / "mine.params"

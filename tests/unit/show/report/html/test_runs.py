@@ -35,7 +35,7 @@ def test_labels_say_what_tells_flights_apart_and_no_more(recorded):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path, _: [path / "nowhere"], "nowhere: no such folder"),
+        (lambda path, _: [path / "nowhere"], "nowhere: no such file or folder"),
         (lambda path, _: [path], "no bag in it"),
         (
             lambda _, recorded: [recorded("many", n=2)] * (MAX_RUNS + 1),
