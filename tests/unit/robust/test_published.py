@@ -1,4 +1,4 @@
-"""Figures that other programs print: SLICOT's examples, tests of Octave's control package and of python-control."""
+"""Figures that other programs print: SLICOT's examples, tests of Octave's control package, python-control, IQC-beta."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,26 @@ import pytest
 import scipy
 from control import sample_system, ss, tf
 
-from gustproof.robust import diskmargin, h2_norm, h2syn, hinf_norm, margins, ncfmargin, ncfsyn
+from gustproof.robust import (
+    Delay,
+    Lti,
+    Sector,
+    Slope,
+    Uncertain,
+    append,
+    certify_lft,
+    diskmargin,
+    feedback,
+    h2_norm,
+    h2syn,
+    hinf_norm,
+    margins,
+    ncfmargin,
+    ncfsyn,
+    ultidyn,
+    ureal,
+    wcgain,
+)
 
 LAG = ss(-1.0, 1.0, 1.0, 0.0)
 THIRD = ss(tf([24], [1, 6, 11, 6]))
@@ -154,3 +173,50 @@ def test_h2syn_has_the_controller_of_slicot_and_octave():
     assert np.abs(K.B[:2] - [[3.7345, 3.4758], [-0.3020, 0.6530]]).max() < 5.1e-5
     assert np.abs(K.C[1] - [7.6899, -8.4558, -2.9642, 7.0365, -4.2844, 0.1390]).max() < 5.1e-5
     assert not K.D.any()
+
+
+def iqc_loop(system, sign: float) -> Uncertain:
+    """Return the loop v = G (f + sign w) from f to v, in which w is what a part makes of v."""
+    G = ss(system)
+    M = Lti(A=G.A, B=np.hstack([sign * G.B, G.B]), C=np.vstack([G.C, G.C]), D=np.zeros((2, 2)))
+    return Uncertain(M=M, blocks=ultidyn("w").blocks)
+
+
+NARROW = 20 * 20 * tf([1, -0.5, 1], np.poly([-10, -20, -30]))
+SECOND = ss([[-1, -2], [1, 0]], [[1], [0]], [[1, 1]], 0)
+SCALAR = ureal("d", 0.0, plus_minus=0.25)
+ROTOR = ss([[-0.21, -1], [1, 0]], [[0.8], [0]], [[0, 1]], 0)
+IQC = [
+    # -G (w + f) is the loop of -G, w and f alike
+    ("iqc_sector_test", iqc_loop(ss([[-0.2, -1], [1, 0]], [[1], [0]], [[-1, -1]], 0), 1), Sector(), 25.97),
+    ("iqc_slope_odd_test", iqc_loop(NARROW, -1), Slope(poles=(1.0,)), 28.99),
+    (
+        "iqc_cdelay_test",
+        iqc_loop(ss([[-1, -2], [1, 0]], [[1], [0]], [[1, 1]], 0), -1),
+        Delay(largest=0.5, poles=(1, 2)),
+        9.50,
+    ),
+    ("iqc_tvscalar_test", SCALAR * feedback(ROTOR, SCALAR, sign=1), None, 22.6304),
+]
+"""Test of IQC-beta, kept at github.com/iqcbeta/iqc-toolbox; the loop, its part, and the gain printed there."""
+
+
+@pytest.mark.parametrize(("test", "loop", "part", "printed"), IQC, ids=[row[0] for row in IQC])
+def test_a_proved_gain_is_that_of_the_iqc_toolbox(test, loop, part, printed):
+    found = certify_lft(loop, assumes={}, parts=part and {"w": part})
+    assert found.proven
+    assert found.gain == pytest.approx(printed, rel=8e-4), test
+    assert found.lower_bound <= found.gain
+
+
+def test_gains_of_unknown_dynamics_are_those_of_the_iqc_toolbox():
+    # iqc_ltvnorm_test: 954.2745; one channel has a closed form
+    resonant = ss(tf(0.8, [1, 0.21, 1]))
+    found, g = wcgain(feedback(resonant, ultidyn("w", bound=0.26), sign=1)), hinf_norm(resonant).gain
+    assert found.lower * (1.0 - 1e-4) <= g / (1.0 - 0.26 * g) <= found.upper < 1.006 * 954.2745
+    assert found.lower > 0.99 * found.upper
+    # iqc_ltiunmod_test: 2.8294
+    parts = append(*(ss(tf(n, d)) for n, d in (([1, 0], [1, 100]), ([1, 0], [1, 80]), (10, [1, 10]), (8, [1, 8]))))
+    M = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]) / 1.5 @ parts @ np.array([[1, 0], [1, 0], [1, 0], [0, 1]])
+    found = wcgain(feedback(M, append(ultidyn("w1"), ultidyn("w2", 1, 2)), sign=1))
+    assert found.lower <= 2.8294 <= found.upper <= 1.005 * 2.8294

@@ -11,9 +11,14 @@ from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.uncertain.elements import ultidyn, ureal
+from gustproof.robust.uncertain.interpolation import interpolate_blocks
 from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft
 from gustproof.robust.uncertain.uncertainty import RealBlock
 
+_CLIMBS = 8
+"""Most frequencies tried for a better lower bound."""
+_PROGRESS = 1e-5
+"""[-] relative progress of the lower bound below which no other frequency is tried."""
 ParameterBox = Mapping[str, tuple[float, float]]
 """Lower and upper limit of the normalised value of each real parameter."""
 
@@ -54,7 +59,10 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
     system = as_uncertain(system)
     require_gain(system)
     found = bracket_gain(system, accuracy=accuracy, boxes=boxes)
-    found = _destabilising(system, found) if np.isinf(found.upper) else found
+    if np.isinf(found.upper):
+        found = _destabilising(system, found)
+    elif found.gap > 2.0 * accuracy and len(whole_box(system)) < len(system.blocks):
+        found = _climb(system, found)
     return RobustBounds(
         lower=found.lower,
         upper=found.upper,
@@ -70,7 +78,7 @@ def bracket_gain(system: Uncertain, *, accuracy: float, boxes: int, wanted: floa
 
     The upper bound is infinite where nothing was proved.
     """
-    whole: ParameterBox = {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
+    whole = whole_box(system)
     leaves = [(whole, _box_gain(system, whole, accuracy, wanted))]
     while True:
         best = max((bracket for _, bracket in leaves), key=lambda bracket: bracket.lower)
@@ -83,6 +91,31 @@ def bracket_gain(system: Uncertain, *, accuracy: float, boxes: int, wanted: floa
             return known if wanted else _bound_open_boxes(system, leaves, known, accuracy, enough)
         leaves.remove((box, bracket))
         leaves += _halve(system, box, bracket, accuracy, enough)
+
+
+def whole_box(system: Uncertain) -> ParameterBox:
+    """Return the box of all real parameters."""
+    return {block.name: (-1.0, 1.0) for block in system.blocks if isinstance(block, RealBlock)}
+
+
+def _climb(system: Uncertain, found: Bracket) -> Bracket:
+    """Return the bracket with the lower bound from the frequencies at which the worst members peak, in turn."""
+    M, dt = to_continuous(system), system.M.dt
+    for _ in range(_CLIMBS):
+        try:
+            member = system.close(interpolate_blocks(system.blocks, found.delta, found.omega, dt))
+        except ValueError:  # without lag it has no solution
+            break
+        peak = hinf_norm(member)
+        if not np.isfinite([peak.gain, peak.omega]).all():
+            break
+        warped = 2.0 / dt * np.tan(0.5 * peak.omega * dt) if dt else peak.omega
+        worst = worst_delta(M.response(warped)[0], system.blocks)
+        if not worst.gain > (1.0 + _PROGRESS) * found.lower:
+            break
+        delta = worst.parts(system.blocks)
+        found = replace(found, lower=min(worst.gain, found.upper), omega=peak.omega, delta=delta)
+    return found
 
 
 def _halve(
