@@ -121,17 +121,26 @@ def format_value(value: float) -> str:
 def format_comparisons(found: CampaignStatistics) -> Iterator[str]:
     """Yield a line for each pair of laws and figure: by how much one is lower on average, and in how many cases."""
     for duel in found.duels:
-        (label, unit), (value, interval) = FIGURES[duel.figure], format_share(duel.lower)
+        label, unit = FIGURES[duel.figure]
         mean, low, high = duel.difference
-        by, within = format_value(abs(mean)), f"{format_value(min(abs(low), abs(high)))} .. "
-        within += format_value(max(abs(low), abs(high)))
-        if mean == 0.0 == low == high:
-            beside = f"the same as {duel.other} in every case"
-        elif not low * high > 0.0:
-            beside = f"not told apart from {duel.other} on average ({format_value(low)} .. {format_value(high)} {unit})"
+        if math.isfinite(low) and math.isfinite(high):
+            value, interval = format_share(duel.lower)
+            beside = f"{_beside(duel.other, duel.difference, unit)}, lower in {value} ({interval}) of the cases"
         else:
-            beside = f"{'lower' if mean < 0.0 else 'higher'} than {duel.other} by {by} {unit} ({within}) on average"
-        yield f"{label}: {duel.law} is {beside}, lower in {value} ({interval}) of the cases"
+            beside = f"{'lower' if mean < 0.0 else 'not lower'} than {duel.other} in the one case: that is no average"
+        yield f"{label}: {duel.law} is {beside}"
+
+
+def _beside(other: str, difference: IntervalEstimate, unit: str) -> str:
+    """Return a law's average beside that of an `other`, with the interval of their difference."""
+    mean, low, high = difference
+    if mean == 0.0 == low == high:
+        return f"the same as {other} in every case"
+    if not low * high > 0.0:
+        return f"not told apart from {other} on average ({format_value(low)} .. {format_value(high)} {unit})"
+    least, most = sorted(map(abs, (low, high)))
+    by = f"{format_value(abs(mean))} {unit} ({format_value(least)} .. {format_value(most)})"
+    return f"{'lower' if mean < 0.0 else 'higher'} than {other} by {by} on average"
 
 
 def _law_table(

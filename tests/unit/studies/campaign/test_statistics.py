@@ -134,6 +134,8 @@ def test_one_case_has_a_difference_and_no_effect_size():
     (duel,) = _compare_laws("rmse_deg", np.array([[3.0], [1.0]]), two)
     assert duel.difference.value == 2.0
     assert math.isnan(duel.effect)
+    (line,) = format_comparisons(SimpleNamespace(duels=[duel]))
+    assert line == "RMSE: a is not lower than b in the one case: that is no average"
 
 
 def test_figures_are_written_for_a_spreadsheet_and_for_a_paper(table, tmp_path):

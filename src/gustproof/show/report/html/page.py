@@ -76,7 +76,7 @@ def render_page(
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
         "title": escape(title or f"{shorten(scenarios)}: {shorten(dict.fromkeys(run.pilot_name for run in runs))}"),
-        "scenarios": "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(_describe(runs))),
+        "scenarios": _render_about(runs),
         "intro": intro,
         "first": '<a href="#verdict">Verdict</a> ' * bool(intro),
         "tiles": render_headline(runs),
@@ -88,13 +88,21 @@ def render_page(
     return fill_page("page.html", parts | chart_parts(page, numbers, _SCRIPTS))
 
 
+def _render_about(runs: Sequence[ReportRun]) -> str:
+    """Return what was flown, and what must be known before any figure is read."""
+    warned = dict.fromkeys(f"{run.label}: {warning}" for run in runs for warning in run.warnings)
+    told = "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(_describe(runs)))
+    return told + "".join(f"<p class='bad'>{escape(text)}</p>" for text in warned)
+
+
 def _describe(runs: Sequence[ReportRun]) -> Iterable[str]:
     """Yield what was to be flown, and how each flight ended that did not fly all of it."""
     for run in runs:
         yield f"{run.scenario.name}: {run.scenario.description}"
     for run in runs:
         if not run.has_expected_outcome:
-            yield f"{run.label}: {run.message}"
+            flown = len(run.records) * run.scenario.dt
+            yield f"{run.label}: {run.message}, after {flown:.4g} s of {run.scenario.duration_s:g} s"
 
 
 def chart_parts(page: Mapping[str, Any], numbers: "NumberBlock", scripts: Iterable[str]) -> dict[str, str]:

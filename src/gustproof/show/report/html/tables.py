@@ -74,6 +74,8 @@ def _requirements_line(i: int, run: ReportRun) -> str:
     total = len(run.requirements)
     mark = "bad" if held < judged else "good" if 0 < held == total else "interval"
     text = f"{held} of {total} held" if total else "none"
+    if judged < total:  # cut off
+        text = f"{held} of {judged} held, {total - judged} not judged" if judged else "not judged"
     return f'<li>{render_chip(i, run.label)}<strong class="{mark}">{text}</strong></li>'
 
 

@@ -114,13 +114,15 @@ def test_what_was_not_flown_to_its_end_is_not_judged(recorded):
     whole = read_runs([recorded("run", require=(Requirement(metric="peak_deg", at_most=1.0),))])[0]
     page = render_page([replace(whole, records=whole.records[:100])])
     assert '<span class="interval">not judged</span>' in page
+    assert '<strong class="interval">not judged</strong>' in page
     assert "not held" not in page
 
 
 def test_another_vehicles_law_is_named(runs, page):
     assert "was designed for vehicle" not in page
     words = escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'")
-    assert words in render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
+    page = render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
+    assert f": {words}</p>" in page[: page.index("<nav")]  # before any figure
 
 
 def test_the_page_names_the_licence_of_what_it_carries(page):
@@ -184,6 +186,6 @@ def test_flight_that_ended_before_its_scenario_is_told_beside_another(tmp_path, 
     flights = [*read_runs([tmp_path / "grounded"]), runs[0]]
     page = render_page(flights)
     assert "<p>px4: wrong geometry: the rotors do not turn the vehicle" in page
-    assert "means to (roll &amp; pitch swapped)</p>" in page
+    assert "means to (roll &amp; pitch swapped), after 0.004 s of " in page
     assert len(json.loads(script(page, "page-data"))["runs"]) == 2
     assert render_page(flights[:1])
