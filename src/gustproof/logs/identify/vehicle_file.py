@@ -135,7 +135,7 @@ def make_vehicle_file(name: str, found: Identification, known: Known, air: Ident
     if air is not None and air.yaw_ratio is not None:
         draft.set("gust_yaw_ratio", air.yaw_ratio, "measured: moment in yaw beside roll and pitch")
     draft.findings.append(
-        f"a log shows gust_gain times wind, neither alone: gust_gain is {draft.origin}, and the wind follows from it"
+        f"the wind's speed is a guess: a log shows gust_gain times wind, and gust_gain is {draft.origin}"
     )
     if found.delay is not None and found.delay.nominal > _DELAY_TOLD:
         draft.findings.append(

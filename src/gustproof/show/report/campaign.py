@@ -1,6 +1,8 @@
 """Results of a campaign as text."""
 
 import math
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -81,13 +83,21 @@ def render_rare(found: RareEstimate, campaign: Campaign) -> Renderable:
 
 def describe_campaign(campaign: Campaign) -> str:
     """Return scenario, vehicle, laws and dispersions in a line."""
-    drawn = ", ".join(campaign.spreads)
+    drawn = ", ".join(_drawn_in_words(campaign.spreads))
     laws = ", ".join(law.name for law in campaign.laws)
     vehicle, how = campaign.vehicles.document["name"], f"{campaign.sampling.value}, seed {campaign.seed}"
     cases = (
         f"{campaign.scenario.name}, vehicle {vehicle}: {campaign.cases:,} case{'s' * (campaign.cases != 1)} with {laws}"
     )
     return f"{cases}; each case draws ({how}): {drawn}"
+
+
+def _drawn_in_words(spreads: Iterable[str]) -> Iterator[str]:
+    """Yield names of what is drawn as words, the three axes of one quantity together."""
+    axes = Counter(re.sub(r"\.[xyz]$", "", name) for name in spreads)
+    for name, count in axes.items():
+        words = re.sub(r"[_.]", " ", re.sub(r"_B$", "", name))
+        yield f"{words} ({count} axes)" if count > 1 else words
 
 
 def format_estimate(estimate: IntervalEstimate) -> tuple[str, str]:

@@ -107,14 +107,14 @@ def render_tuning(tuning: Tuning) -> Renderable:
     table.add_row("Ms, the worst axis [-]", f"{tuning.Ms:.3f}", f"≤ {limits.sensitivity_peak:.3g}")
     if tuning.off_nominal_Ms is not None:
         # A search keeps these on a grid of frequencies, and between them the sensitivity may rise a little above.
-        wanted = f"≤ {limits.corner_peak:.3g} wanted at the ends of the spreads, on a grid of frequencies"
+        wanted = f"≤ {limits.corner_peak:.3g} is the goal, on a grid of frequencies"
         table.add_row(
-            "Ms off nominal [-]",
+            "Ms, ends of the spreads [-]",
             format_margin(tuning.off_nominal_Ms),
             wanted if math.isfinite(limits.corner_peak) else "-",
         )
     table.add_row("phase margin [deg]", f"{math.degrees(tuning.phase_margin):.0f}", "-")
-    gain = f"≥ {limits.gain:.3g} wanted, up to {100.0 * GAIN_TOLERANCE:g} % less taken" if limits.gain > 1.0 else "-"
+    gain = f"≥ {limits.gain:.3g} is the goal, with {100.0 * GAIN_TOLERANCE:g} % tolerance" if limits.gain > 1.0 else "-"
     table.add_row("gain margin [-]", format_margin(tuning.gain_margin), gain)
     table.add_row("delay margin [ms]", format_margin(1e3 * tuning.delay_margin), "-")
     return table

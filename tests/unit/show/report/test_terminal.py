@@ -139,8 +139,8 @@ def test_limits_of_a_tuning_say_which_side_is_kept(name, least):
         f"{least}0.0802 at",
         "│ ≤ 20 ",
         "│ ≤ 1.4 ",
-        "│ ≤ 2.38 wanted ",
-        "│ ≥ 5.15 wanted, up to 3 % less taken",
+        "│ ≤ 2.38 is the goal, ",
+        "│ ≥ 5.15 is the goal, with 3 % tolerance",
     ):
         assert words in text
 

@@ -12,7 +12,13 @@ import pytest
 from rich.console import Console
 
 from firmware_model.errors import ConfigError
-from gustproof.show.report.campaign import format_comparisons, format_estimate, format_share, render_campaign
+from gustproof.show.report.campaign import (
+    _drawn_in_words,
+    format_comparisons,
+    format_estimate,
+    format_share,
+    render_campaign,
+)
 from gustproof.show.report.html.campaign_page import render_campaign_page
 from gustproof.show.report.summary_files import save_csv, save_latex
 from gustproof.show.report.terminal import save_text
@@ -257,3 +263,8 @@ def test_a_share_is_rounded_to_all_or_none_only_if_it_is(share, told):
 
 def test_a_quantile_without_an_upper_end_is_told_as_a_bound():
     assert format_estimate(IntervalEstimate(0.07, 0.06362, math.inf)) == ("0.07", "≥ 0.0636")
+
+
+def test_what_is_drawn_is_told_in_words():
+    names = ("inertia_B.x", "inertia_B.y", "inertia_B.z", "actuator_lag", "gyro.snr_db", "gust_scale")
+    assert [*_drawn_in_words(names)] == ["inertia (3 axes)", "actuator lag", "gyro snr db", "gust scale"]
