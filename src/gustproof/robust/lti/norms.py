@@ -30,8 +30,9 @@ peak. What it does not see there, it may miss elsewhere."""
 _LOOKS = 2
 """Number of looks at the Hamiltonian matrix that may settle a norm before it is searched in rounds."""
 
-_NARROW = 1e-2
-"""[-] largest width of a band that counts as narrow, of the distance of the samples about it."""
+_NARROW, _FAR_BELOW = 1e-2, 1e-4
+"""[-] largest width of a band that counts as narrow, of the distance of the samples about it that are so far below: a
+parabola is a hundred times as wide there."""
 
 _NOISE = 1e-2
 """[-] part of a gain from which its rounding may hide every crossing."""
@@ -234,7 +235,8 @@ def _look_just_below(
     if crossings.size != (2 if best.omega else 1) or higher.gain > (1.0 + accuracy) * best.gain:
         return higher, False
     low, high = float(crossings[0]) if best.omega else 0.0, float(crossings[-1])
-    return higher, first <= low <= best.omega <= high <= last and high - low <= _NARROW * (last - first)
+    left, right = _surroundings(best, grid, gains, (1.0 - _FAR_BELOW) * best.gain)
+    return higher, first <= low <= best.omega <= high <= last and high - low <= _NARROW * (right - left)
 
 
 def _surroundings(best: Peak, grid: Array, gains: Array, level: float) -> tuple[float, float]:

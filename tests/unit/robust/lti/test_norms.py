@@ -211,3 +211,18 @@ def test_a_system_that_cancels_to_rounding_has_an_error_of_rounding():
     G = Lti(A=np.diag([-1.0, -1.0 - 1e-15]), B=[[1.0], [1.0]], C=[[0.7, -0.7]], D=[[0.0]])
     peak = hinf_norm(G)
     assert peak.gain + peak.error < 1e-13
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_a_peak_between_many_close_poles_is_settled_by_one_look(monkeypatch, seed):
+    """Samples beside poles stand close about it: a band was not called narrow, and four more problems were solved."""
+    random, n = np.random.default_rng(seed), 60
+    A = random.normal(size=(n, n)) / math.sqrt(n)
+    A -= (np.linalg.eigvals(A).real.max() + 0.3) * np.eye(n)
+    system = control.StateSpace(A, random.normal(size=(n, 3)), random.normal(size=(3, n)), np.zeros((3, 3)))
+    looks, look = [], norms._crossings
+    monkeypatch.setattr(norms, "_crossings", lambda *image: looks.append(1) or look(*image))
+    peak = hinf_norm(system)
+    assert len(looks) <= 2
+    assert peak.gain == pytest.approx(control.norm(system, p="inf", tol=1e-10), rel=TIGHT)
+    assert peak.error <= TIGHT * peak.gain
