@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -85,9 +86,15 @@ def test_script_on_the_installed_wheel_type_checks_in_an_empty_env(wheel: Path, 
     (packages,) = (tmp_path / "env").glob("lib/python*/site-packages")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(packages)
-    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    page = (ROOT / "src" / "gustproof" / "guide" / "matlab.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
+    files = {"script.py": SCRIPT, **{f"example_{k}.py": block for k, block in enumerate(blocks)}}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    # python-control has no types, and numpy is not installed here
+    (tmp_path / "mypy.ini").write_text("[mypy]\n[mypy-control,numpy]\nignore_missing_imports = true\n")
     mypy = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", os.devnull]
-    command = [*mypy, "--python-executable", str(tmp_path / "env" / "bin" / "python"), "script.py"]
+    command = [*mypy, "--python-executable", str(tmp_path / "env" / "bin" / "python"), *files]
     clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "MYPYPATH"}}
     result = subprocess.run(command, cwd=tmp_path, env=clean, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from gustproof.robust.lti.state_space import Lti, signal_names
+from gustproof.robust.lti.state_space import Lti, all_or_none, signal_names
 from gustproof.robust.shown import Shown
 
 if TYPE_CHECKING:
@@ -68,4 +68,4 @@ def keep_names(result: _Result, P: Any) -> _Result:
     """Return a controller with the names that its generalised plant gives to measurements and controls."""
     inputs, outputs = signal_names(P)
     y, u = outputs[len(outputs) - result.controller.n_inputs :], inputs[len(inputs) - result.controller.n_outputs :]
-    return replace(result, measured=y if all(y) else (), controls=u if all(u) else ())
+    return replace(result, measured=all_or_none(y), controls=all_or_none(u))

@@ -11,7 +11,7 @@ from gustproof.errors import DesignError
 from gustproof.robust.hinf.checked_controller import keep_names
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, gain, lft, series, signal_names
+from gustproof.robust.lti.state_space import LinearSystem, Lti, all_or_none, as_lti, gain, lft, series, signal_names
 from gustproof.robust.uncertain.uncertain_system import append
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def augw(G: LinearSystem, W1: Weight, W2: Weight = None, W3: Weight = None) -> "
     plant = as_lti(G)
     P = _generalised_plant(plant, _weights(plant, W1, W2, W3))
     p, m = plant.n_outputs, plant.n_inputs
-    controls, measured = (names if all(names) else () for names in signal_names(G))
+    controls, measured = map(all_or_none, signal_names(G))
     r, e = ([f"{kind}_{name}" for name in measured] or [f"{kind}[{k}]" for k in range(p)] for kind in "re")
     inputs = [*r, *(controls or (f"control[{k}]" for k in range(m)))]
     return P.to_control(inputs=inputs, outputs=[*(f"z[{k}]" for k in range(P.n_outputs - p)), *e])

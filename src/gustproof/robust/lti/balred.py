@@ -10,7 +10,7 @@ import scipy
 from gustproof.errors import DesignError
 from gustproof.robust.lti.balancing import balanced_realization
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, signal_names
+from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, all_or_none, as_lti, signal_names
 from gustproof.robust.shown import Shown
 
 if TYPE_CHECKING:
@@ -129,9 +129,8 @@ def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.T
     scale = float(np.max(hankel, initial=0.0))
     if not error <= bound * (1.0 + _ROUNDING) + _ROUNDING * scale:
         raise DesignError(f"rounding spoilt the reduction: its error is {error:.6g}, above the bound {bound:.6g}")
-    inputs, outputs = map(list, signal_names(G))
-    named = inputs and outputs and all(inputs + outputs)
-    small = _add(reduced, rest).to_control(**({"inputs": inputs, "outputs": outputs} if named else {}))
+    kinds = zip(("inputs", "outputs"), map(all_or_none, signal_names(G)), strict=True)
+    small = _add(reduced, rest).to_control(**{kind: list(names) for kind, names in kinds if names})
     return ReducedSystem(system=small, hankel=hankel, kept=rest.order, bound=bound, error=error)
 
 

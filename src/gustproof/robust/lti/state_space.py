@@ -6,6 +6,7 @@ copy it into an `Lti`; `Lti.to_control` alone makes a `control.StateSpace`.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
@@ -176,6 +177,11 @@ class Lti(Shown):
         return control.StateSpace(
             self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), self.dt, remove_useless_states=False, **names
         )
+
+
+def all_or_none(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of signals if each has one, else none: python-control names all signals or numbers them."""
+    return tuple(names) if all(names) else ()
 
 
 def signal_names(system: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:

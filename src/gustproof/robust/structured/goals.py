@@ -59,7 +59,12 @@ NORM = GainGoal()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensitivityGoal:
-    """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once."""
+    """The H-infinity norm of the sensitivity: Ms of one channel, or of several at once; or a line for each frequency.
+
+    With a `corner` the line is that of systune's tracking, `(limit s + corner lowest) / (s + corner)`, and the value of
+    the goal is the largest ratio to it. A response time of T needs a corner of 2 / T at the plant output. To reject
+    disturbances by the factor a, take a `lowest` of 1 / a at its input.
+    """
 
     name: str = "Ms"
     """Name, unique among the goals."""
@@ -69,6 +74,10 @@ class SensitivityGoal:
     """Location of the break in the loop."""
     channels: Indices = None
     """Broken channels; the others stay closed."""
+    corner: float | None = None
+    """[rad/s] frequency below which the line falls from `limit` towards `lowest`; without it, it is `limit`."""
+    lowest: float = 1e-3
+    """[-] value of the line at frequency 0: the steady error to a step."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,7 +181,10 @@ def extract_channel(goal: ChannelGoal, P: Lti, n_meas: int, n_con: int, dt: floa
     D = broken.D.copy()
     if isinstance(goal, DiskMarginGoal):  # the norm of S - I/2 bounds the disk margin
         D[: len(chosen), : len(chosen)] -= 0.5 * np.eye(len(chosen))
-    return Lti(A=broken.A, B=broken.B, C=broken.C, D=D), require_positive(goal.name, limit)
+    system = Lti(A=broken.A, B=broken.B, C=broken.C, D=D)
+    if isinstance(goal, SensitivityGoal) and goal.corner is not None:
+        return _apply_weight(system, _inverse_of_line(goal, goal.corner, len(chosen), dt), n_meas), 1.0
+    return system, require_positive(goal.name, limit)
 
 
 def _extract_gain(goal: GainGoal, P: Lti, n_meas: int, n_con: int, dt: float) -> Lti:
@@ -232,12 +244,27 @@ def _roll_off_weight(goal: RollOffGoal, width: int, dt: float) -> Lti:
     """Return `(s / corner)^slope` on each channel, with lags at 1000 times the corner."""
     if goal.slope not in (1, 2) or not goal.corner > 0.0:
         raise ValueError(f"goal '{goal.name}' has slope {goal.slope} and corner {goal.corner}: 1 or 2, and positive")
-    if dt and not goal.corner * dt < np.pi:
-        raise ValueError(f"goal '{goal.name}' has its corner at {goal.corner:g} rad/s, beyond half the sample rate")
-    corner = 2.0 / dt * np.tan(0.5 * goal.corner * dt) if dt else goal.corner
+    corner = _warped_corner(goal.name, goal.corner, dt)
     fast, identity = 1e3 * corner, np.eye(width)
     lead = Lti(A=-fast * identity, B=fast * identity, C=-1e3 * identity, D=1e3 * identity)
     return lead if goal.slope == 1 else series(lead, lead)
+
+
+def _inverse_of_line(goal: SensitivityGoal, corner: float, width: int, dt: float) -> Lti:
+    """Return the inverse of the line of a sensitivity, on each channel."""
+    if not (corner > 0.0 and 0.0 < goal.lowest < goal.limit < np.inf):
+        given = f"corner {corner:g}, lowest {goal.lowest:g} and limit {goal.limit:g}"
+        raise ValueError(f"goal '{goal.name}' has {given}: the corner must be positive, and 0 < lowest < limit")
+    fast, one = _warped_corner(goal.name, corner, dt), np.eye(width)
+    slow = fast * goal.lowest / goal.limit
+    return Lti(A=-slow * one, B=one, C=(fast - slow) / goal.limit * one, D=one / goal.limit)
+
+
+def _warped_corner(name: str, corner: float, dt: float) -> float:
+    """Return the frequency [rad/s] of the bilinear transform of a loop with the sample time `dt` [s], 0 continuous."""
+    if dt and not corner * dt < np.pi:
+        raise ValueError(f"goal '{name}' has its corner at {corner:g} rad/s, beyond half the sample rate")
+    return float(2.0 / dt * np.tan(0.5 * corner * dt) if dt else corner)
 
 
 def _apply_weight(P: Lti, weight: Lti, n_meas: int) -> Lti:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from gustproof.robust.structured.blocks import Structure, full_structure
 from gustproof.robust.structured.goals import NORM, GainGoal, Goal
 from gustproof.robust.structured.objective import PenaltyFunction, Problem
 from gustproof.robust.structured.search import Minimum, minimize
+
+if TYPE_CHECKING:
+    import control
 
 _BACKOFFS = (1.1, 1.3, 3.0)
 """[-] levels over the least of the central controllers that are reduced to starting points."""
@@ -82,8 +85,8 @@ class StructResult(CheckedController):
     """[-] each hard goal's value over its limit, worst over the models, by the goal's name; at most 1."""
     gamma_opt: float | None
     """[-] least norm of any controller of the first model, from `hinfsyn`; `None` if that is not solvable."""
-    blocks: dict[str, Lti]
-    """Tuned blocks by name."""
+    parts: dict[str, Lti]
+    """Tuned blocks by name, `blocks` in arithmetic."""
     theta: Matrix
     """(size,) parameters of the structure."""
     winner: int
@@ -92,6 +95,11 @@ class StructResult(CheckedController):
     """All starts in the order of the search."""
     evaluations: int
     """Number of evaluations of the objective."""
+
+    @property
+    def blocks(self) -> dict[str, "control.StateSpace"]:
+        """Tuned blocks by name, for python-control."""
+        return {name: part.to_control() for name, part in self.parts.items()}
 
 
 def hinfstruct(
@@ -490,7 +498,7 @@ def _make_result(
         target=target,
         hard_goals=hard,
         gamma_opt=gamma_opt,
-        blocks=problem.structure.systems(theta),
+        parts=problem.structure.systems(theta),
         theta=theta,
         winner=0,
         starts=tried,

@@ -15,7 +15,16 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.bilinear import tustin
-from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, gain, is_singular, signal_names
+from gustproof.robust.lti.state_space import (
+    LinearSystem,
+    Lti,
+    Matrix,
+    all_or_none,
+    as_lti,
+    gain,
+    is_singular,
+    signal_names,
+)
 from gustproof.robust.lti.state_space import lft as close_known
 from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.family_plot import draw_family
@@ -140,8 +149,8 @@ class Uncertain(Shown):
 
     def labels(self) -> dict[str, list[str]]:
         """Return the names of inputs and outputs for python-control, where all are given."""
-        kinds = {"inputs": self.inputs, "outputs": self.outputs}
-        return {kind: list(names) for kind, names in kinds.items() if names and all(names)}
+        kinds = {"inputs": all_or_none(self.inputs), "outputs": all_or_none(self.outputs)}
+        return {kind: list(names) for kind, names in kinds.items() if names}
 
     def member(self, delta: Mapping[str, Any]) -> Lti:
         """Return the system at one normalised `delta`; names left out are nominal.

@@ -6,10 +6,12 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from control import sample_system, ss, tf
 
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.design.designs import design_problem, load_design
 from gustproof.errors import DesignError
+from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.norms import h2_norm, hinf_norm
 from gustproof.robust.lti.state_space import Lti, as_lti, lft
 from gustproof.robust.structured.blocks import (
@@ -27,10 +29,12 @@ from gustproof.robust.structured.goals import (
     NORM,
     ControllerSizeGoal,
     GainGoal,
+    LoopLocation,
     NormKind,
     RollOffGoal,
     SensitivityGoal,
     StabilityGoal,
+    extract_channel,
 )
 from gustproof.robust.structured.hinfstruct import SearchStart, _Search, hinfstruct
 from gustproof.robust.structured.objective import Problem
@@ -329,3 +333,30 @@ def test_sample_times_must_agree_and_a_block_needs_its_port():
         hinfstruct(Lti(A=[[-1.0]], B=sampled.B, C=sampled.C, D=sampled.D, dt=0.01), 1, 1)
     with pytest.raises(ValueError, match="block 'K' has measurement 1"):
         Structure(blocks=(tunable_gain("K", inputs=(1,), outputs=(0,)),), n_meas=1, n_con=1)
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.02])
+def test_tracking_and_rejection_are_lines_for_the_sensitivity(dt):
+    G = ss(tf(2.0, [1.0, 1.0]))
+    known = as_lti(sample_system(G, dt) if dt else G)
+    # w drives u, z is u; u = K y is positive feedback of the negative output
+    B, C = np.hstack([known.B, known.B]), np.vstack([0.0 * known.C, -known.C])
+    P = Lti(A=known.A, B=B, C=C, D=[[0.0, 0.3], [0.0, 0.0]], dt=dt)
+    tracking = SensitivityGoal(name="tracking", location=LoopLocation.OUTPUT, corner=4.0, lowest=0.01, limit=1.5)
+    rejection = SensitivityGoal(name="rejection", corner=5.0, lowest=0.1)
+    pid = Structure(n_meas=1, n_con=1, blocks=(tunable_pid("C", input=0, output=0, cutoff=50.0, dt=dt),), dt=dt)
+    K = pid.controller(np.array([2.5, 2.5, 0.01]))
+    if not dt:
+        found = hinfstruct(P, 1, 1, structure=pid, starts=1, hard_goals=[tracking, rejection])
+        K = as_lti(found.K)
+        assert max(found.hard_goals.values()) <= 1.0
+    omega = np.geomspace(1e-4, 0.99 * np.pi / dt if dt else 1e4, 400)
+    S = np.abs(1.0 / (1.0 + known.response(omega) * K.response(omega)))[:, 0, 0]
+    own = (bilinear_transform(P), bilinear_transform(K)) if dt else (P, K)
+    for goal in (tracking, rejection):
+        s, corner = (2.0 / dt * np.tan(0.5 * dt * each) if dt else each for each in (omega, goal.corner))
+        line = np.abs((goal.limit * 1j * s + corner * goal.lowest) / (1j * s + corner))
+        weighted, limit = extract_channel(goal, own[0], 1, 1, dt)
+        assert hinf_norm(lft(weighted, own[1])).gain / limit == pytest.approx(np.max(S / line), rel=2e-3)
+    with pytest.raises(ValueError, match="corner 4, lowest 3 and limit 2: the corner must be positive"):
+        hinfstruct(P, 1, 1, structure=pid, starts=1, hard_goals=[SensitivityGoal(corner=4.0, lowest=3.0)])
