@@ -33,6 +33,7 @@ from firmware_model.external.interface import (
 )
 from firmware_model.external.read_back import ParameterReader
 from firmware_model.external.readings import Readings
+from firmware_model.external.versions import describe_no_law, find_row, read_version
 from firmware_model.mavlink.services.geodesy import ORIGIN_DEG
 from firmware_model.process import udp
 from firmware_model.process.child import ChildProcess
@@ -83,7 +84,7 @@ _OPERATION = {
     "MOT_SPIN_MAX": "0.95",
     "MOT_HOVER_LEARN": "0",
     "GUID_OPTIONS": "8",  # the thrust of a set-point is thrust, not rate of climb
-    # It asks for two samples of the gyro in each pass of its loop. The second name is that of later versions.
+    # It asks for two samples of the gyro in each pass of its loop. A version has one of these, see `VERSIONS`.
     "ARMING_CHECK": str((1 << 21) - 2 - _CHECK_OF_INERTIAL_SENSORS),
     "ARMING_SKIPCHK": str(_CHECK_OF_INERTIAL_SENSORS),
     "DISARM_DELAY": "0",
@@ -118,6 +119,11 @@ def make_ardupilot(options: ExternalOptions, scenario: Scenario, vehicle: Vehicl
     values = {"MOT_THST_EXPO": "0", **_OPERATION, **(_LAW if options.law else {}), **extra}
     values = {"MOT_THST_HOVER": ardupilot_hover(vehicle, thrust_range(values)), **values}
     program = find_build(options.build)
+    version = read_version("ardupilot", program)
+    if read := find_row("ardupilot", version):
+        values = {name: value for name, value in values.items() if name in extra or name not in read.absent}
+    if options.law and (lacks := describe_no_law("ardupilot", version)):
+        raise ConfigError(f"{program}: no law is built into it: {lacks}")
     external = ArduPilot(program, options.folder, values, map_outputs(vehicle))
     external.compared |= extra.keys() | (_LAW.keys() if options.law else set())
     if options.law:

@@ -1,6 +1,6 @@
 """PX4 in a process of its own: its build, its parameters for the vehicle file, its ports.
 
-Tried with PX4's main branch of February 2025. In lockstep two flights get the same bytes, and give the same ones back
+In lockstep two flights get the same bytes, and give the same ones back
 until PX4 arms. The thread that arms it does not wait for the sample, so that it may come a sample later.
 """
 
@@ -32,6 +32,7 @@ from firmware_model.external.interface import (
 from firmware_model.external.px4 import SimulatorLink
 from firmware_model.external.read_back import ParameterReader
 from firmware_model.external.readings import Readings
+from firmware_model.external.versions import absent_parameters, describe_no_law, read_version
 from firmware_model.process.child import ChildProcess
 
 _OFFBOARD = 6  # main mode
@@ -77,7 +78,6 @@ _SET, _OWN_LINKS = "param set {name} {value}", f". ${{R}}etc/init.d-posix/{_LINK
 _VARIABLE = "PX4_PARAM_"  # begins the variables that newer start scripts read in place of the file
 _START_SCRIPT = "etc/init.d-posix/rcS"
 _COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
-_OF_NEWER = ("MC_YAW_TQ_CUTOFF",)  # versions before have no such filter
 _AXES, _GAINS = ("ROLL", "PITCH", "YAW"), ("_P", "RATE_P", "RATE_I", "RATE_D")
 _WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 """Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
@@ -98,12 +98,15 @@ def make_px4(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> 
     noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
     values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
     build = find_build(options.build)
+    version = read_version("px4", build)
     if options.law:
         if not (build / "bin" / f"px4-{_LAW_INSIDE}").exists():
-            raise ConfigError(f"{build}: no law is built into it: build it with a folder of 'gustproof export --px4'")
+            lacks = describe_no_law("px4", version) or "build it with a folder of 'gustproof export --px4'"
+            raise ConfigError(f"{build}: no law is built into it: {lacks}")
         check_law_inside(build / "bin" / "px4", options.law)
     px4 = Px4(build, options.folder, values, options.instance, real_time=options.real_time)
-    px4.vital = px4_parameters(vehicle).keys() - set(_OF_NEWER)
+    px4.optional = absent_parameters("px4", version)
+    px4.vital = px4_parameters(vehicle).keys() - set(px4.optional)
     if options.law:
         px4.dialect, px4.start_lines = _INSIDE, [f"{_LAW_INSIDE} start"]
     return px4
@@ -210,7 +213,7 @@ def start_px4(
 class Px4:
     """PX4's process; see `ExternalProcess`. `start_lines` of its start script follow those of its links.
 
-    Without a `vital` parameter it is another vehicle's.
+    Without a `vital` parameter it is another vehicle's; its version has none that is `optional`.
     """
 
     name = "PX4"
@@ -234,6 +237,7 @@ class Px4:
         self._time_us = 0
         self.instance = -1
         self.dialect, self.start_lines, self.vital = _DIALECT, list[str](), set[str]()
+        self.optional: tuple[str, ...] = ()
 
     @property
     def system(self) -> int:
@@ -255,7 +259,7 @@ class Px4:
         """Return a client that speaks its dialect."""
         watched = [name for name in _WATCHED if name not in self._parameters]
         return ExternalClient(
-            self.dialect, ParameterReader(self._parameters, vital=self.vital, optional=_OF_NEWER, watched=watched)
+            self.dialect, ParameterReader(self._parameters, vital=self.vital, optional=self.optional, watched=watched)
         )
 
     def start(self, client_port: int) -> None:

@@ -19,6 +19,7 @@ from firmware_model.config.firmware import ardupilot_full_torque, measured_torqu
 from firmware_model.config.gyro_filters import ARDUPILOT_NOTCH, ARDUPILOT_NOTCHES, LOW_PASS_END, gyro_filters
 from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.external.versions import later_defaults
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
 from gustproof.design.loops.settings import FLOWN, AutopilotLoops, LoopSignals, Setting
@@ -153,7 +154,7 @@ def _describe_place(given: Mapping[str, float], name: str) -> str:
 ARDUPILOT = AutopilotLoops(
     name="ArduPilot",
     version="Copter 4.7-dev of July 2025",
-    later=("", {}),
+    later=later_defaults("ardupilot"),
     rate_hz=400,
     settings=_settings(),
     whole=_WHOLE,

@@ -20,6 +20,7 @@ from firmware_model.config.firmware import measured_torque, px4_full_torque
 from firmware_model.config.gyro_filters import PX4_BY_ROTORS, gyro_filters
 from firmware_model.config.scenario import sample_time
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.external.versions import later_defaults
 from firmware_model.types import Vector
 from gustproof.design.loops.filters import SampledAxisLoop, smoothing
 from gustproof.design.loops.settings import FLOWN, AutopilotLoops, LoopSignals, Setting
@@ -140,7 +141,7 @@ def _remarks(given: Mapping[str, float], rate_hz: int) -> list[str]:
 PX4 = AutopilotLoops(
     name="PX4",
     version="main of February 2025",
-    later=("June 2025 (1.17)", {"MC_ROLL_P": 4.0, "MC_PITCH_P": 4.0, "IMU_DGYRO_CUTOFF": 20.0}),
+    later=later_defaults("px4"),
     rate_hz=250,
     settings=_settings(),
     whole=frozenset(),  # INT32 of IMU_ and MC_ are switches and rates that are not of the loops

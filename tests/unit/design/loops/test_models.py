@@ -427,7 +427,7 @@ def test_notches_that_moved_are_in_the_loops_one_for_each_rotor_and_harmonic() -
         assert [math.acos(each) * 200.0 / math.pi for each in cosine] == pytest.approx(places)
 
 
-OF_2026 = "since June 2025 (1.17) PX4 has "
+OF_2026 = "since 1.17 PX4 has "
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from firmware_model.external.versions import TRIED, doubt_version, read_version
+import gustproof
+from firmware_model.external.versions import (
+    VERSIONS,
+    absent_parameters,
+    describe_no_law,
+    describe_tried,
+    doubt_version,
+    find_row,
+    later_defaults,
+    read_version,
+)
 from gustproof.flight.routes.checkup import Status, check_autopilot
 
 HEADER = '#define PX4_GIT_VERSION_STR "a441"\n#define PX4_GIT_TAG_STR "{}"\n#define NUTTX_GIT_TAG_STR  "v11.0.0"\n'
@@ -42,7 +52,59 @@ def test_a_build_tells_its_version_and_one_that_was_not_tried_is_doubted(tmp_pat
 
 
 def test_a_build_that_tells_no_version_is_not_doubted(tmp_path) -> None:
-    for kind in TRIED:
+    for kind in VERSIONS:
         assert read_version(kind, tmp_path) == ""
         assert doubt_version(kind, "") == ""
         assert check_autopilot(kind, lambda _: tmp_path).status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("kind", "version", "absent"),
+    [
+        ("px4", "1.12.3", ("MC_YAW_TQ_CUTOFF",)),  # by the nearest, 1.14
+        ("px4", "1.15.2", ("MC_YAW_TQ_CUTOFF",)),
+        ("px4", "1.16.1", ()),
+        ("px4", "1.19.0-alpha1", ()),
+        ("px4", "", ("MC_YAW_TQ_CUTOFF", "MC_YAW_TQ_CUTOFF")),  # not told: what any version lacks
+        ("ardupilot", "4.5.7", ("ARMING_SKIPCHK",)),
+        ("ardupilot", "4.8.0-dev", ("ARMING_CHECK",)),
+    ],
+)
+def test_what_a_version_lacks_is_that_of_the_nearest_row(kind: str, version: str, absent: tuple[str, ...]) -> None:
+    assert absent_parameters(kind, version) == absent
+
+
+@pytest.mark.parametrize(
+    ("kind", "version", "said"),
+    [
+        ("px4", "1.14.4", "px4 1.14.4 has no place for one, 1.15 and later have"),
+        ("px4", "1.15.2", ""),
+        ("px4", "", ""),
+        ("ardupilot", "4.3.8", "ardupilot 4.3.8 has no place for one, 4.6 and later have"),
+        ("ardupilot", "4.6.0", ""),
+        ("betaflight", "4.6.0", "betaflight 4.6.0 has no place for one, as no version has"),
+    ],
+)
+def test_version_without_a_place_for_a_law_is_told_with_those_that_have(kind: str, version: str, said: str) -> None:
+    assert describe_no_law(kind, version) == said
+
+
+@pytest.mark.parametrize("kind", VERSIONS)
+def test_rows_are_in_order_and_each_finds_itself(kind: str) -> None:
+    rows = VERSIONS[kind]
+    assert [find_row(kind, f"v{row.number}.9-rc1") for row in rows] == list(rows)
+    assert list(rows) == sorted(rows, key=lambda row: tuple(map(int, row.number.split("."))))
+    assert find_row(kind, "unknown") is None
+
+
+def test_versions_tried_are_those_of_the_guide() -> None:
+    page = (Path(gustproof.__file__).parent / "guide/autopilots.md").read_text()
+    table = page.partition("## Versions tried")[2].partition("##")[0]
+    for kind in VERSIONS:
+        for each in describe_tried(kind).split(", "):
+            assert each.removeprefix("main of ") in table
+
+
+def test_defaults_that_a_version_changed_are_told_with_it() -> None:
+    assert later_defaults("px4") == ("1.17", {"MC_ROLL_P": 4.0, "MC_PITCH_P": 4.0, "IMU_DGYRO_CUTOFF": 20.0})
+    assert later_defaults("ardupilot") == ("", {})

@@ -959,3 +959,24 @@ def test_controller_that_speaks_mavlink_1_flies_and_is_relayed_in_it(vehicle):
     vehicle.wait()
     relayed = [frame for frame in vehicle.raw[2] if frame.component == CONTROLLER]
     assert [frame.is_version_1 for frame in relayed] == [True]
+
+
+@pytest.mark.parametrize("command", [wire.MAV_CMD_REQUEST_MESSAGE, wire.MAV_CMD_SET_MESSAGE_INTERVAL])
+def test_fifty_messages_asked_for_by_two_stations_at_once_are_each_answered_within_a_second(vehicle, command):
+    asked = [*range(25), *range(80, 100), 141, 148, 242, 435, 436]
+    old, new = wire.MAVLink(None, 255, 190), wire.MAVLink(None, 255, 191)
+    for number in asked:
+        long = wire.MAVLink_command_long_message(1, 1, command, 0, number, 500_000, 0, 0, 0, 0, 0)
+        whole = wire.MAVLink_command_int_message(1, 1, 0, command, 0, 0, number, 500_000, 0, 0, 0, 0, 0)
+        vehicle.endpoint.receive(long.pack(old, force_mavlink1=True), (0, ("client", 1)), vehicle.now_us)
+        vehicle.endpoint.receive(whole.pack(new), (0, ("client", 2)), vehicle.now_us)
+    vehicle.wait(1_000_000)
+    first, second = (vehicle.take("COMMAND_ACK", port) for port in (1, 2))
+    assert len(asked) == len(set(asked)) == len(first) == len(second) == 50
+    assert {message.command for message in (*first, *second)} == {command}
+    results = [message.result for message in first]
+    assert results == [message.result for message in second]  # to each in the order it asked, the same
+    assert set(results) == {wire.MAV_RESULT_ACCEPTED, UNSUPPORTED} | ({1} if command == 512 else set())
+    assert {frame.is_version_1 for frame in vehicle.raw[1]} == {True}
+    assert {frame.is_version_1 for frame in vehicle.raw[2]} == {False}
+    assert {(message.target_system, message.target_component) for message in second} == {(255, 191)}

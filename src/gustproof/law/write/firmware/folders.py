@@ -23,6 +23,7 @@ from firmware_model.config.firmware import (
 )
 from firmware_model.config.vehicle import FullScale, Vehicle, list_vehicles
 from firmware_model.errors import ConfigError
+from firmware_model.external.versions import describe_tried
 from firmware_model.types import AXES, Vector
 from gustproof.law.form import Law, Output
 from gustproof.law.write.c import AttitudeSource, c_name, c_unit
@@ -142,6 +143,7 @@ def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str
         raise ConfigError(f"--rate: is {1.0 / law.dt:g} Hz, PX4's gyro has {', '.join(map(str, _GYRO_RATES))} Hz")
     measured = measured_torque("px4", vehicle)
     words |= _torques(measured or px4_full_torque(vehicle.rotors)) | {
+        "tried": describe_tried("px4"),
         "scale": _MEASURED_SCALE if measured else _PX4_SCALE,
         "mode": f"gustproof {law.name}"[:_MODE_LENGTH],
         "takes_references": "true" if law.takes_references else "false",
@@ -169,6 +171,7 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
     else:
         frame, full = ardupilot_parameters(vehicle), ardupilot_full_torque(vehicle)
     words |= _torques(full) | {"scale": _MEASURED_SCALE if measured else _ARDUPILOT_SCALE}
+    words["tried"] = describe_tried("ardupilot")
     own = {"SCHED_LOOP_RATE": str(rate), "INS_GYRO_FILTER": "80", "CC_TYPE": "3", "CC_AXIS_MASK": "7"}
     parameters = frame | own | {"RC6_OPTION": "109"}
     library = "libraries/AC_CustomControl"
