@@ -7,7 +7,6 @@ has inside.
 
 import math
 import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -20,19 +19,18 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.external.interface import scenario_for
 from gustproof.airframe.hover import hover_plant, loop_law
-from gustproof.airframe.output_rounding import rounding_slew
-from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import tune_gains
-from gustproof.design.loops.models import AUTOPILOTS
+from gustproof.design.inside import GYRO_FILTER_HZ, behind_filter, equal_gains, price_inside
+from gustproof.errors import DesignError
 from gustproof.law.form import Law, load_law
 from gustproof.law.resample import resample
 
 SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
 ROOT = Path(__file__).parents[2]
 README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-GYRO_FILTER, USUAL_FILTER = 80.0, 40.0
+GYRO_FILTER, USUAL_FILTER = GYRO_FILTER_HZ, 40.0
 """[Hz] set for an exported law in both autopilots; PX4's own, which leaves the law less margin."""
-PEAKS = {("px4", GYRO_FILTER): 1.455, ("ardupilot", GYRO_FILTER): 1.4, ("px4", USUAL_FILTER): 1.68}
+PEAKS = {("ardupilot", GYRO_FILTER): 1.4, ("px4", USUAL_FILTER): 1.68}
 """[-] sensitivity peaks that the flights' own loops were tuned to: those of the law inside, or a little more."""
 EQUAL = 0.03
 """[-] relative: slews and sensitivity peaks that count as equal."""
@@ -50,22 +48,6 @@ class Figures(NamedTuple):
     """[-] largest sensitivity peak of the axes."""
 
 
-def behind_filter(law: Law, cutoff: float) -> Law:
-    """Return a law that reads its gyro through a low-pass of the second order with a corner `cutoff` [Hz]."""
-    b0, b1, b2, a1, a2 = butterworth(cutoff, 1.0 / law.dt)
-    n, eye = law.order, np.eye(3)
-    A = np.zeros((n + 6, n + 6))
-    A[:n, :n], A[:n, n : n + 3] = law.A, law.B[:, :3]
-    A[n:, n:] = np.kron([[-a1, 1.0], [-a2, 0.0]], eye)
-    B = np.vstack([law.B, np.zeros((6, law.B.shape[1]))])
-    B[:n, :3] *= b0
-    B[n : n + 3, :3], B[n + 3 :, :3] = (b1 - a1 * b0) * eye, (b2 - a2 * b0) * eye
-    C = np.hstack([law.C, law.D[:, :3], np.zeros((3, 3))])
-    D = np.hstack([b0 * law.D[:, :3], law.D[:, 3:]])
-    G, H = (np.vstack([matrix, np.zeros((6, 3))]) for matrix in (law.G, law.H))
-    return replace(law, A=A, B=B, C=C, D=D, G=G, H=H, rate_limit=None)
-
-
 def peak(law: Law, script: Scenario) -> float:
     """Return the largest sensitivity of an axis on a grid [-], by the definition."""
     omega = np.geomspace(1.0, 0.99 * math.pi / law.dt, 400)
@@ -76,14 +58,11 @@ def peak(law: Law, script: Scenario) -> float:
 @cache
 def inside(kind: str, cutoff: float = GYRO_FILTER) -> Figures:
     """Return the figures of `flagship` inside an autopilot with a gyro filter of `cutoff` [Hz]."""
-    script, vehicle = scenario_for(kind, SCENARIO), VEHICLES.nominal
+    found = price_inside(kind, load_law("flagship"), VEHICLES.nominal, SCENARIO, cutoff)
+    script = scenario_for(kind, SCENARIO)
     law = behind_filter(resample(load_law("flagship"), float(script.control_rate_hz)), cutoff)
-    found = predict(law, vehicle, script)
-    assert found is not None
-    assert found.seen_rmse is not None
-    step = vehicle.rotors.thrust_max / AUTOPILOTS[kind].thrust_steps
-    slew = math.hypot(found.slew, rounding_slew(found.axes_slew, vehicle.rotors, step, script.dt))
-    return Figures(math.degrees(found.seen_rmse), slew, peak(law, script))
+    assert found.Ms == pytest.approx(peak(law, script), rel=0.002)
+    return Figures(math.degrees(found.seen_rmse), found.slew, found.Ms)
 
 
 def own_loops(kind: str, slew: float, Ms: float) -> Figures:
@@ -92,10 +71,18 @@ def own_loops(kind: str, slew: float, Ms: float) -> Figures:
     return Figures(math.degrees(tuned.seen_rmse), tuned.slew, tuned.Ms)
 
 
+@cache
+def equal(kind: str) -> Figures:
+    """Return the figures of an autopilot's own loops at the price of `flagship` inside."""
+    price, tuned = equal_gains(kind, load_law("flagship"), VEHICLES, SCENARIO)
+    assert price.slew == inside(kind).slew
+    return Figures(math.degrees(tuned.seen_rmse), tuned.slew, tuned.Ms)
+
+
 def at_the_limits_of(kind: str, cutoff: float = GYRO_FILTER) -> tuple[Figures, Figures]:
     """Return `flagship` inside an autopilot, and its own loops tuned at that slew and sensitivity peak."""
     ours = inside(kind, cutoff)
-    theirs = own_loops(kind, ours.slew, PEAKS[kind, cutoff])
+    theirs = equal(kind) if cutoff == GYRO_FILTER else own_loops(kind, ours.slew, PEAKS[kind, cutoff])
     assert (theirs.slew, theirs.Ms) == pytest.approx((ours.slew, ours.Ms), rel=EQUAL)
     return ours, theirs
 
@@ -136,3 +123,15 @@ def test_with_slew_to_spare_ardupilot_s_own_loops_are_better() -> None:
     assert theirs.Ms == pytest.approx(ours.Ms, rel=EQUAL)
     assert theirs.error == pytest.approx(float(readme), rel=0.02)
     assert theirs.error < 0.9 * ours.error
+
+
+def test_gains_at_an_equal_price_spend_what_the_law_spends_inside() -> None:
+    price, own = inside("ardupilot"), equal("ardupilot")
+    assert own.slew == pytest.approx(price.slew, rel=0.01)
+    assert price.Ms - 0.03 < own.Ms <= 1.4
+    assert price.error < own.error < 1.3 * price.error
+
+
+def test_a_law_without_torque_or_attitude_has_no_price_inside() -> None:
+    with pytest.raises(DesignError, match="commands no torque"):
+        price_inside("px4", load_law("hinf-rates"), VEHICLES.nominal, SCENARIO)

@@ -1,7 +1,10 @@
 """The command `gustproof compare`: real autopilots, their builds and parameters, and laws, flight by flight."""
 
+import sys
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -27,6 +30,9 @@ if TYPE_CHECKING:
     from gustproof.flight.controllers.user_controller import Controller
     from gustproof.studies.campaign.comparison import AnyController, ComparisonRow
 
+EQUAL = "equal"
+"""Name of the parameters that are tuned to the price of a law inside."""
+
 
 def compare(
     context: typer.Context,
@@ -43,7 +49,10 @@ def compare(
     ] = None,
     params: Annotated[
         list[str] | None,
-        typer.Option(help="Parameters of its own loops, a shipped set or a file; repeat it [default: stock, tuned]."),
+        typer.Option(
+            help="Its own loops: a set, a file, or equal, at the price of the law inside; repeat it "
+            "[default: equal, stock]."
+        ),
     ] = None,
     law: Annotated[
         list[str] | None,
@@ -71,7 +80,7 @@ def compare(
     Each is compared with the first by the error of the same seeds, until that is known to be better, worse or alike:
     within 1 %. The test is read after each seed, and wrong in 1 % of comparisons at most. Of several scenarios the
     geometric mean counts. Ms and delay margin are measured by flights. Two laws alone need no build. Exit status: 1 if
-    one is worse than the first.
+    one is worse than the first, but for stock gains that were not asked for.
 
         gustproof compare --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
 
@@ -86,18 +95,61 @@ def compare(
     scripts = _find_scenarios(scenario or ["paper-turbulence"], airframe, free=free)
     laws = {each: _find_controller(each, airframe, scripts[0]) for each in _check_once(law or ["flagship"])}
     named: dict[str, AnyController] = {}
-    if len(laws) == 1 or _are_given(context):
-        named = _find_autopilots(autopilot, build, params, inside, next(iter(laws.values())).name)
-        _check_autopilots(scripts, autopilot)
-    for name, each in laws.items():
-        named[each.name if each.name not in named else name] = each
-    what = scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
-    title = f"{what} on {airframe.name}"
-    with progress(title, quiet=as_json) as shown:
+    with TemporaryDirectory() as folder, progress(scripts[0].name, quiet=as_json) as shown:
+        if len(laws) == 1 or _are_given(context):
+            _check_autopilots(scripts, autopilot)
+            first = next(iter(laws.values()))
+            equal = Path(folder) / f"{EQUAL}.params"
+            sets = params or ([EQUAL, "stock"] if _has_price(first, scripts) else ["stock"])
+            named = _find_autopilots(autopilot, build, sets, inside, first.name, equal)
+            if EQUAL in sets:
+                shown(0.0, "gains at an equal price")
+                _write_equal(autopilot, first, vehicle, scripts, equal)
+        for name, each in laws.items():
+            named[each.name if each.name not in named else name] = each
         rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown)
-    _tell(title, rows, written, as_json=as_json)
-    if Change.WORSE in [row.change for row in rows]:
+    what = scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
+    _tell(f"{what} on {airframe.name}", rows, written, as_json=as_json)
+    unasked = [] if params else [name for name in named if name.endswith(f"{autopilot}-stock")]
+    if Change.WORSE in [row.change for row in rows if row.name not in unasked]:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _has_price(law: "Controller", scripts: "list[Scenario]") -> bool:
+    """Return whether the price of what flies inside can be had from the model."""
+    from firmware_model.config.waveforms import RandomGusts
+    from gustproof.law.form import Law, Output
+
+    has_gusts = any(isinstance(each, RandomGusts) for each in scripts[0].wind)
+    return isinstance(law, Law) and law.output is Output.TORQUE and has_gusts
+
+
+def _write_equal(kind: str, law: "Controller", vehicle: str, scripts: "list[Scenario]", path: Path) -> None:
+    """Write the best gains of an autopilot's own loops at the price of a law inside, and tell both on stderr.
+
+    Raises
+    ------
+    ConfigError
+        If it is no law of torque, the first scenario has no turbulence, or no such gains are found.
+    """
+    from firmware_model.config.uncertainty import load_vehicle_set
+    from gustproof.design.autopilot_gains import save_tuning
+    from gustproof.design.inside import equal_gains
+    from gustproof.errors import DesignError
+    from gustproof.law.form import Law
+
+    if not isinstance(law, Law) or not _has_price(law, scripts):
+        why = f"it takes a law of torque and a scenario with gusts, not {law.name} in {scripts[0].name}"
+        raise ConfigError(f"--params {EQUAL}: {why}")
+    vehicles, script = load_vehicle_set(vehicle), replace(scripts[0], translation="held", event=(), require=())
+    try:
+        price, tuning = equal_gains(kind, law, vehicles, script)
+    except DesignError as error:
+        raise ConfigError(f"--params {EQUAL}: {error}") from None
+    save_tuning(tuning, vehicles.nominal, path)
+    spent = f"slew {tuning.slew:.3g} of {price.slew:.3g} N m/s, Ms {tuning.Ms:.3g} of {price.Ms:.3g}"
+    left = "".join(f"; {each}" for each in tuning.outside_ranges())
+    print(f"gustproof: {EQUAL} to {law.name} inside by the model: {spent}{left}", file=sys.stderr)
 
 
 def _are_given(context: typer.Context) -> bool:
@@ -167,9 +219,11 @@ def _tell(title: str, rows: "list[ComparisonRow]", output: list[Path], *, as_jso
 
 
 def _find_autopilots(
-    kind: str, builds: list[str] | None, sets: list[str] | None, inside: str, law: str
+    kind: str, builds: list[str] | None, sets: list[str], inside: str, law: str, equal: Path
 ) -> "dict[str, AnyController]":
     """Return each build with each set of parameters, then the build with a law inside, by names that tell them apart.
+
+    The gains at an equal price are those of the file `equal`.
 
     Raises
     ------
@@ -180,8 +234,8 @@ def _find_autopilots(
 
     found: dict[str, AnyController] = {}
     builds = builds or [""]
-    for build, parameters in product(builds, sets or ["stock", "tuned"]):
-        each = ExternalAutopilot(kind=kind, build=build, parameters=parameters)
+    for build, parameters in product(builds, sets):
+        each = ExternalAutopilot(kind=kind, build=build, parameters=str(equal) if parameters == EQUAL else parameters)
         if each in found.values():
             raise ConfigError(f"compare: {build or kind} with {parameters} is given twice")
         name = f"{Path(build).name}: {each.name}" if len(builds) > 1 else each.name

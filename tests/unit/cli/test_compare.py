@@ -3,13 +3,18 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 from typer.testing import CliRunner
 
+import gustproof.design.inside as inside_room
 from gustproof.cli.app import app
+from gustproof.design.autopilot_gains import AutopilotTuning
+from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.law.form import load_law
+from gustproof.studies.campaign import comparison
 
 SHORT = 'description = "gusts"\nduration_s = 6.0\n\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
 OWN = """
@@ -109,9 +114,59 @@ def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
         ("--build a --build a", "given twice"),
         ("--law flagship --law flagship", "--law flagship is given twice"),
         ("nowhere --law flagship --law same.json", "nowhere"),
+        ("gust-roll --params equal", "a scenario with gusts, not flagship in gust-roll"),
+        ("short.toml --params equal --law hinf-rates", "a law of torque and a scenario with gusts, not hinf-rates"),
+        ("short.toml --params equal --law gustproof.guide.examples.geometric:make", "a law of torque"),
     ],
 )
 def test_what_can_t_be_compared_is_refused_in_a_line(laws: Path, words: str, said: str) -> None:
     result = CliRunner().invoke(app, ["compare", *words.split()])
     assert result.exit_code == 2
     assert said in result.output
+
+
+STOCK, EQUAL, INSIDE = 0.2, 0.06, 0.05
+"""[deg] errors of loops that fly only in a test."""
+
+
+@pytest.mark.parametrize(("params", "names", "status"), [
+    ("", ["px4-equal", "px4-stock", "px4-flagship", "flagship"], 0),
+    ("--params equal --params stock", ["px4-equal", "px4-stock", "px4-flagship", "flagship"], 1),
+    ("--params stock", ["px4-stock", "px4-flagship", "flagship"], 0),
+])  # fmt: skip
+def test_own_loops_are_tuned_to_the_price_of_the_law_inside_and_come_first(
+    laws: Path, monkeypatch: pytest.MonkeyPatch, params: str, names: list[str], status: int
+) -> None:
+    written: list[str] = []
+
+    def fly(_: object, __: object, controller: Any, seed: int) -> comparison._Flown:
+        parameters, inside = getattr(controller, "parameters", ""), getattr(controller, "law", "") == "flagship"
+        if parameters.endswith("equal.params"):
+            written.append(Path(parameters).read_text())
+        error = INSIDE if inside else EQUAL if parameters.endswith("equal.params") else STOCK if parameters else 0.06
+        own = 0.9 * error if isinstance(controller, ExternalAutopilot) else None
+        return comparison._Flown(error * (1.0 + 1e-4 * seed), 1.0, own, 1.0, None, failed=False)
+
+    tuning = AutopilotTuning(
+        kind="px4", parameters={"MC_ROLL_P": 20.0}, law=load_law("flagship"), rmse=1e-3, seen_rmse=1e-3, slew=17.4,
+        Ms=1.44, corner_Ms=2.0,
+    )  # fmt: skip
+    monkeypatch.setattr(comparison, "_fly", fly)
+    monkeypatch.setattr(comparison, "_measure_point", lambda *_: None)
+    monkeypatch.setattr(inside_room, "equal_gains", lambda *_: (inside_room.PriceInside(7e-4, 17.5, 1.45), tuning))
+    words = f"compare short.toml --build . --inside there --runs 8 --json {params}"
+    result = CliRunner().invoke(app, words.split())
+    assert result.exit_code == status
+    rows = json.loads(result.stdout)
+    assert [row["name"] for row in rows] == names
+    by_name = {row["name"]: row for row in rows}
+    if "px4-equal" in names:
+        assert set(written) == {written[0]}
+        assert "1\t1\tMC_ROLL_P\t20\t9" in written[0].splitlines()
+        told = "equal to flagship inside by the model: slew 17.4 of 17.5 N m/s, Ms 1.44 of 1.45"
+        assert f"{told}; MC_ROLL_P above PX4's limit, 12" in result.stderr
+        ours = by_name["px4-flagship"]
+        assert ours["own_error_ratio"] == pytest.approx(INSIDE / EQUAL)
+        assert ours["own_error_ratio_low"] < INSIDE / EQUAL < ours["own_error_ratio_high"]
+    assert rows[0]["own_error_ratio"] is None
+    assert by_name["flagship"]["own_error_ratio"] is None  # it has no estimate of its own

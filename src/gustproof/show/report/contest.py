@@ -10,6 +10,7 @@ from rich.text import Text
 from gustproof.show.report.junit import JunitTest, render_suites
 from gustproof.show.report.terminal import Renderable, format_number
 from gustproof.studies.campaign.comparison import ComparisonRow
+from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import ERROR, SMALL, Change
 
 HEADINGS = (
@@ -17,6 +18,7 @@ HEADINGS = (
     "against the first",
     "RMSE [deg]",
     "RMSE as it sees it [deg]",
+    "as it sees it, against the first",
     "torque slew [N m/s]",
     "Ms",
     "delay margin [ms]",
@@ -82,15 +84,21 @@ def describe_change(row: ComparisonRow) -> str:
     """Return the difference of a controller from the first in words; empty for the first."""
     if row.ratio is None or row.change is None:
         return ""
-    value, low, high = (100.0 * (end - 1.0) for end in row.ratio)
+    return f"{_describe_ratio(row.ratio)}, {row.change.value}"
+
+
+def _describe_ratio(ratio: IntervalEstimate) -> str:
+    """Return a ratio of errors as a change with its interval, in per cent."""
+    value, low, high = (100.0 * (end - 1.0) for end in ratio)
     ends = f" ({low:+.1f} to {high:+.1f})" if math.isfinite(high) else ""
-    return f"{value:+.1f} %{ends}, {row.change.value}"
+    return f"{value:+.1f} %{ends}"
 
 
 def _cells(row: ComparisonRow) -> list[str]:
     margin = None if row.delay_margin_s is None else 1e3 * row.delay_margin_s
     figures = row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms, row.Ms, margin
     told = ["" if figure is None else format_number(figure) for figure in figures]
+    told.insert(2, "" if row.own_ratio is None else _describe_ratio(row.own_ratio))
     speed = "" if row.realtime_factor is None else format_number(row.realtime_factor)
     failed = str(row.failed or "")
     return [format_number(row.steady_rmse_deg), describe_change(row), *told, str(row.seeds), failed, speed]

@@ -62,6 +62,8 @@ class ComparisonRow:
     """Number of flights that broke off, diverged or tilted past 90 deg, and count as `WORST_DEG`."""
     ratio: IntervalEstimate | None
     """[-] `steady_rmse_deg` over that of the first controller in the same seeds; `None` for the first."""
+    own_ratio: IntervalEstimate | None
+    """[-] `own_rmse_deg` likewise; `None` for the first, and beside what has no estimate of its own."""
     by_scenario: dict[str, float]
     """[-] the same in each scenario, if there are several; [deg] for the first its error."""
 
@@ -73,6 +75,7 @@ class ComparisonRow:
     def to_dict(self) -> dict[str, Any]:
         """Return the row as JSON values."""
         value, low, high = self.ratio or (None, None, None)
+        own, own_low, own_high = self.own_ratio or (None, None, None)
         return {
             "name": self.name,
             "steady_rmse_deg": self.steady_rmse_deg,
@@ -88,6 +91,9 @@ class ComparisonRow:
             "error_ratio": value,
             "error_ratio_low": low,
             "error_ratio_high": None if high == math.inf else high,
+            "own_error_ratio": own,
+            "own_error_ratio_low": own_low,
+            "own_error_ratio_high": None if own_high == math.inf else own_high,
             "verdict": None if self.change is None else self.change.value,
         }
 
@@ -156,6 +162,19 @@ def _ratio(flown: _Flights, first: _Flights) -> IntervalEstimate:
     return error_ratio(_errors(flown), _errors(first[: len(flown)]))
 
 
+def _own_errors(flown: _Flights) -> list[float] | None:
+    """Return the error [deg] by an autopilot's own estimate with each seed; `None` if a flight has none."""
+    found = [[each.own_rmse_deg for each in seed] for seed in flown]
+    if any(each is None for seed in found for each in seed):
+        return None
+    return [geometric_mean(each for each in seed if each is not None) for seed in found]
+
+
+def _own_ratio(flown: _Flights, first: _Flights) -> IntervalEstimate | None:
+    errors, others = _own_errors(flown), _own_errors(first[: len(flown)])
+    return None if errors is None or others is None else error_ratio(errors, others)
+
+
 def _fly(scenario: Scenario, vehicle: Vehicle, controller: AnyController, seed: int) -> _Flown:
     if not isinstance(controller, ExternalAutopilot):
         with np.errstate(all="ignore"):  # a loop that diverges is a result
@@ -213,6 +232,7 @@ def _make_row(
         seeds=len(flown),
         failed=sum(each.failed for seed in flown for each in seed),
         ratio=None if first is None else _ratio(flown, first),
+        own_ratio=None if first is None else _own_ratio(flown, first),
         by_scenario=dict(_by_scenario(flown, first, scenarios)),
     )
 
