@@ -34,6 +34,8 @@ from gustproof.version import software_versions
 
 FIGURES = tuple(field.name for field in fields(Metrics) if field.type is float and field.name != "realtime_factor")
 """Names of a run's numeric figures, units as in `Metrics`."""
+_LOST = FlightOutcome.KILLED, FlightOutcome.HUNG, FlightOutcome.PORT_TAKEN
+"""Ends of a real autopilot's flight that say nothing of its loops."""
 Simulator = Callable[[Sequence[Case]], list[CaseResult]]
 Row = tuple[Any, ...]
 _get_figures = attrgetter(*FIGURES)
@@ -150,12 +152,16 @@ def _fly_alone(campaign: Campaign, controller: Controller, case: Case) -> Flight
 
 
 def _fly_external(scenario: Scenario, autopilot: ExternalAutopilot, case: Case) -> CaseResult:
-    with TemporaryDirectory() as folder:
-        plan = ExternalPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
-        flight = fly_external(plan, Path(folder))
-    if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
-        raise ValueError(flight.message)
-    return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
+    """Return the result of a case; an instance that died or hung is replaced once, as the machine may be to blame."""
+    plan = ExternalPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
+    for is_last in (False, True):
+        with TemporaryDirectory() as folder:
+            flight = fly_external(plan, Path(folder))
+        if flight.outcome is FlightOutcome.DONE and flight.metrics is not None:
+            return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
+        if is_last or flight.outcome not in _LOST:
+            break
+    raise ValueError(flight.message + (", for the second time" if is_last else ""))
 
 
 def _check_diverged(campaign: Campaign, law: AnyController, case: Case, judged: CaseResult | str) -> CaseResult | str:

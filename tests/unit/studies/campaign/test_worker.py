@@ -1,20 +1,29 @@
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_model.config.events import Payload
 from firmware_model.config.link_faults import LinkDelay
 from firmware_model.config.uncertainty import VehicleSet
+from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.flight.controllers.user_controller import parse_controller
+from gustproof.flight.routes.batch import Case
 from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.external import ExternalAutopilot
+from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
+from gustproof.law.form import load_law
+from gustproof.studies.campaign import worker
 from gustproof.studies.campaign.plan import DispersionKind, parse_campaign, trust
 from gustproof.studies.campaign.rerun import CampaignRun
 from gustproof.studies.campaign.worker import FIGURES, Chunk, fly_chunk
+
+CASE = Case(vehicle=load_vehicle("paper"), seed=5)
 
 
 def flown(campaign, first=0, runs=12):
@@ -113,3 +122,32 @@ def test_an_entry_flies_beside_laws_and_its_failures_are_results(planned, tmp_pa
     (tmp_path / "mine.py").write_text(LOSES_ITSELF + "\n")
     with pytest.raises(ConfigError, match=r"campaign: controller .* has changed"):
         trust(parse_campaign(campaign.metadata(), "campaign").laws[1])
+
+
+@pytest.mark.parametrize(
+    ("ends", "flown_times", "said"),
+    [
+        ([FlightOutcome.HUNG, FlightOutcome.DONE], 2, ""),
+        ([FlightOutcome.KILLED, FlightOutcome.DONE], 2, ""),
+        ([FlightOutcome.HUNG, FlightOutcome.KILLED], 2, "ended by SIGSEGV, for the second time"),
+        ([FlightOutcome.PORT_TAKEN, FlightOutcome.DISARMED], 2, "ended by SIGSEGV, for the second time"),
+        ([FlightOutcome.UNSETTLED], 1, "ended by SIGSEGV"),  # its loops are to blame
+        ([FlightOutcome.DONE], 1, ""),
+    ],
+)
+def test_a_real_autopilot_that_died_or_hung_is_replaced_once(planned, monkeypatch, ends, flown_times, said):
+    plans, left = [], iter(ends)
+    measured = worker._fly_bisecting(worker._make_simulator(planned(), load_law("pid-fair")), [CASE])[0]
+
+    def fly(plan, folder):
+        plans.append(plan)
+        outcome, done = next(left), measured
+        return SimpleNamespace(
+            outcome=outcome, metrics=done.metrics, requirements=done.requirements, message="ended by SIGSEGV"
+        )
+
+    monkeypatch.setattr(worker, "fly_external", fly)
+    simulate = worker._make_simulator(planned(), ExternalAutopilot(kind="ardupilot"))
+    assert worker._fly_bisecting(simulate, [CASE]) == [said or measured]
+    assert len(plans) == flown_times
+    assert {(plan.seed, plan.vehicle.name) for plan in plans} == {(5, "paper")}
