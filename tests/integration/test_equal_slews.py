@@ -18,9 +18,10 @@ from firmware_model.config.gyro_filters import butterworth
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.external.interface import scenario_for
+from firmware_model.external.versions import VERSIONS
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.design.autopilot_gains import tune_gains
-from gustproof.design.inside import GYRO_FILTER_HZ, behind_filter, equal_gains, price_inside
+from gustproof.design.inside import GYRO_FILTER_HZ, behind_filter, equal_gains, price_inside, price_loops
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, load_law
 from gustproof.law.resample import resample
@@ -130,6 +131,20 @@ def test_gains_at_an_equal_price_spend_what_the_law_spends_inside() -> None:
     assert own.slew == pytest.approx(price.slew, rel=0.01)
     assert price.Ms - 0.03 < own.Ms <= 1.4
     assert price.error < own.error < 1.3 * price.error
+
+
+def test_own_loops_by_their_parameters_spend_what_their_tuning_promised() -> None:
+    tuned = tune_gains("ardupilot", VEHICLES, SCENARIO, slew=41.0, sensitivity_peak=1.4, in_ranges=False)
+    found = price_loops("ardupilot", tuned.parameters, VEHICLES.nominal, SCENARIO)
+    assert (found.slew, found.Ms) == pytest.approx((tuned.slew, tuned.Ms), rel=1e-3)
+    assert found.seen_rmse == pytest.approx(tuned.seen_rmse, rel=1e-6)
+
+
+def test_what_parameters_leave_out_has_the_default_of_the_version() -> None:
+    older, later = (price_loops("px4", {}, VEHICLES.nominal, SCENARIO, version) for version in ("1.16.1", "1.17.0"))
+    given = price_loops("px4", VERSIONS["px4"][-1].defaults, VEHICLES.nominal, SCENARIO)
+    assert later == given
+    assert later.seen_rmse > 1.3 * older.seen_rmse  # .250 deg for .188 flown
 
 
 def test_a_law_without_torque_or_attitude_has_no_price_inside() -> None:

@@ -1,6 +1,7 @@
 """The command `gustproof compare`: real autopilots, their builds and parameters, and laws, flight by flight."""
 
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -27,9 +28,11 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
+    from gustproof.design.inside import PriceInside
     from gustproof.flight.controllers.user_controller import Controller
     from gustproof.studies.campaign.comparison import AnyController, ComparisonRow
 
+_FIGURES = (".png", ".svg", ".pdf")
 EQUAL = "equal"
 """Name of the parameters that are tuned to the price of a law inside."""
 
@@ -70,7 +73,9 @@ def compare(
     vehicle: VehicleName = "paper",
     output: Annotated[
         list[Path] | None,
-        typer.Option("-o", "--output", help="Write the table here: Markdown (.md) or JUnit (.xml); repeat it."),
+        typer.Option(
+            "-o", "--output", help="Write the table (.md, JUnit .xml), or error over slew (.png, .svg, .pdf)."
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -95,6 +100,7 @@ def compare(
     scripts = _find_scenarios(scenario or ["paper-turbulence"], airframe, free=free)
     laws = {each: _find_controller(each, airframe, scripts[0]) for each in _check_once(law or ["flagship"])}
     named: dict[str, AnyController] = {}
+    predicted: dict[str, PriceInside] = {}
     with TemporaryDirectory() as folder, progress(scripts[0].name, quiet=as_json) as shown:
         if len(laws) == 1 or _are_given(context):
             _check_autopilots(scripts, autopilot)
@@ -105,14 +111,47 @@ def compare(
             if EQUAL in sets:
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
+            predicted = _predict(named, first, airframe, scripts)
         for name, each in laws.items():
             named[each.name if each.name not in named else name] = each
-        rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown)
+        rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown, predicted)
     what = scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
     _tell(f"{what} on {airframe.name}", rows, written, as_json=as_json)
     unasked = [] if params else [name for name in named if name.endswith(f"{autopilot}-stock")]
     if Change.WORSE in [row.change for row in rows if row.name not in unasked]:
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _predict(
+    named: "dict[str, AnyController]", law: "Controller", vehicle: "Vehicle", scripts: "list[Scenario]"
+) -> "dict[str, PriceInside]":
+    """Return what the model says of each autopilot's own loops, and of the law inside; of none without turbulence."""
+    from firmware_model.config.parameter_files import read_parameters
+    from firmware_model.external.versions import read_version
+    from gustproof.design.inside import price_inside, price_loops
+    from gustproof.errors import DesignError
+    from gustproof.flight.routes.external import ExternalAutopilot, find_build
+    from gustproof.law.form import Law
+
+    found: dict[str, PriceInside] = {}
+    script = _held(scripts[0])
+    for name, each in named.items():
+        if not isinstance(each, ExternalAutopilot):
+            continue
+        with suppress(DesignError, ValueError):  # unstable, of rates, or without gusts: nothing is predicted
+            if each.law and isinstance(law, Law):
+                found[name] = price_inside(each.kind, law, vehicle, script)
+            elif not each.law:
+                values = read_parameters(each.parameters, each.kind) if each.parameters else {}
+                version = read_version(each.kind, find_build(each.kind, Path(each.build) if each.build else None))
+                numbers = {key: float(value) for key, value in values.items()}
+                found[name] = price_loops(each.kind, numbers, vehicle, script, version)
+    return found
+
+
+def _held(script: "Scenario") -> "Scenario":
+    """Return a scenario with the vehicle held and nothing else in it than its air: what the model predicts."""
+    return replace(script, translation="held", event=(), require=())
 
 
 def _has_price(law: "Controller", scripts: "list[Scenario]") -> bool:
@@ -141,9 +180,9 @@ def _write_equal(kind: str, law: "Controller", vehicle: str, scripts: "list[Scen
     if not isinstance(law, Law) or not _has_price(law, scripts):
         why = f"it takes a law of torque and a scenario with gusts, not {law.name} in {scripts[0].name}"
         raise ConfigError(f"--params {EQUAL}: {why}")
-    vehicles, script = load_vehicle_set(vehicle), replace(scripts[0], translation="held", event=(), require=())
+    vehicles = load_vehicle_set(vehicle)
     try:
-        price, tuning = equal_gains(kind, law, vehicles, script)
+        price, tuning = equal_gains(kind, law, vehicles, _held(scripts[0]))
     except DesignError as error:
         raise ConfigError(f"--params {EQUAL}: {error}") from None
     save_tuning(tuning, vehicles.nominal, path)
@@ -198,9 +237,9 @@ def _find_controller(name: str, airframe: "Vehicle", script: "Scenario") -> "Con
 
 
 def _check_tables(output: list[Path] | None) -> list[Path]:
-    """Return the tables to write; refuse one that can't be written."""
+    """Return the tables and figures to write; refuse one that can't be written."""
     for path in output or ():
-        check_output(path, (".md", ".xml"), "a table")
+        check_output(path, (".md", ".xml", *_FIGURES), "a table or figure")
     return output or []
 
 
@@ -211,6 +250,11 @@ def _tell(title: str, rows: "list[ComparisonRow]", output: list[Path], *, as_jso
     from gustproof.show.report.terminal import show
 
     for path in output:
+        if path.suffix in _FIGURES:
+            from gustproof.show.report.figures import save_comparison
+
+            save_comparison(title, rows, path)
+            continue
         write_text(path, (render_markdown if path.suffix == ".md" else render_junit)(title, rows))
     if as_json:
         print_json([row.to_dict() for row in rows])

@@ -1,11 +1,11 @@
-"""A law inside an autopilot by the model, and the autopilot's own loops at the same price.
+"""A law inside an autopilot by the model, and the autopilot's own loops: their errors and prices, and equal ones.
 
 Inside, a law runs at the autopilot's rate, behind its gyro filter, and its outputs are rounded. Its price is the torque
 slew and the sensitivity peak that it then has. A comparison is fair with own loops that may spend as much.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,10 +16,12 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.external.interface import scenario_for
+from firmware_model.external.versions import find_row
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import AutopilotTuning, tune_gains
-from gustproof.design.loops.models import AUTOPILOTS
+from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
+from gustproof.design.loops.settings import drop_fractions
 from gustproof.design.tune import worst_margins
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
@@ -32,7 +34,7 @@ _LEAST_PEAK = 1.4
 
 
 class PriceInside(NamedTuple):
-    """What a law spends inside an autopilot, and the error that it has for it, by the model."""
+    """What a law or its own loops spend inside an autopilot, and the error that they have for it, by the model."""
 
     seen_rmse: float
     """[rad] rms attitude error by the autopilot's own estimate, pooled over the axes."""
@@ -74,15 +76,43 @@ def price_inside(
     """
     script = scenario_for(kind, scenario)
     flown = behind_filter(resample(law, float(script.control_rate_hz)), cutoff)
-    found = predict(flown, vehicle, script)
+    try:
+        return _price(kind, flown, vehicle, script)
+    except DesignError as error:
+        raise DesignError(f"{error}, behind a gyro filter of {cutoff:g} Hz") from None
+
+
+def price_loops(
+    kind: str, parameters: Mapping[str, float], vehicle: Vehicle, scenario: Scenario, version: str = ""
+) -> PriceInside:
+    """Return what the own loops of `px4` or `ardupilot` spend in the scenario's turbulence.
+
+    What is not among the `parameters` has the default of the version.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is out of range.
+    DesignError
+        If the loops are unstable.
+    ValueError
+        If the scenario has no turbulence.
+    """
+    script, row = scenario_for(kind, scenario), find_row(kind, version)
+    values = {**(row.defaults if row else {}), **drop_fractions(AUTOPILOTS[kind], parameters)}
+    law = autopilot_law(kind, values, vehicle, rate_hz=script.control_rate_hz).law
+    return _price(kind, law, vehicle, script)
+
+
+def _price(kind: str, law: Law, vehicle: Vehicle, script: Scenario) -> PriceInside:
+    found = predict(law, vehicle, script)
     if found is None or found.seen_rmse is None:
         raise DesignError(f"law '{law.name}' commands no torque, or has no attitude: no loops are at its price")
-    step = AUTOPILOTS[kind].thrust_step(vehicle)
-    rounding = rounding_slew(found.axes_slew, vehicle.rotors, step, script.dt)
+    rounding = rounding_slew(found.axes_slew, vehicle.rotors, AUTOPILOTS[kind].thrust_step(vehicle), script.dt)
     try:
-        Ms = worst_margins(flown, vehicle, script).Ms
+        Ms = worst_margins(law, vehicle, script).Ms
     except ValueError:
-        raise DesignError(f"law '{law.name}' is unstable behind a gyro filter of {cutoff:g} Hz") from None
+        raise DesignError(f"law '{law.name}' is unstable") from None
     return PriceInside(found.seen_rmse, math.hypot(found.slew, rounding), Ms)
 
 

@@ -148,13 +148,14 @@ def test_own_loops_are_tuned_to_the_price_of_the_law_inside_and_come_first(
         return comparison._Flown(error * (1.0 + 1e-4 * seed), 1.0, own, 1.0, None, failed=False)
 
     tuning = AutopilotTuning(
-        kind="px4", parameters={"MC_ROLL_P": 20.0}, law=load_law("flagship"), rmse=1e-3, seen_rmse=1e-3, slew=17.4,
+        kind="px4", parameters={"MC_YAW_P": 5.5}, law=load_law("flagship"), rmse=1e-3, seen_rmse=1e-3, slew=17.4,
         Ms=1.44, corner_Ms=2.0,
     )  # fmt: skip
     monkeypatch.setattr(comparison, "_fly", fly)
     monkeypatch.setattr(comparison, "_measure_point", lambda *_: None)
     monkeypatch.setattr(inside_room, "equal_gains", lambda *_: (inside_room.PriceInside(7e-4, 17.5, 1.45), tuning))
-    words = f"compare short.toml --build . --inside there --runs 8 --json {params}"
+    monkeypatch.setattr("gustproof.flight.routes.external.find_build", lambda *_: Path())
+    words = f"compare short.toml --build . --inside there --runs 8 --json -o curve.svg {params}"
     result = CliRunner().invoke(app, words.split())
     assert result.exit_code == status
     rows = json.loads(result.stdout)
@@ -162,11 +163,16 @@ def test_own_loops_are_tuned_to_the_price_of_the_law_inside_and_come_first(
     by_name = {row["name"]: row for row in rows}
     if "px4-equal" in names:
         assert set(written) == {written[0]}
-        assert "1\t1\tMC_ROLL_P\t20\t9" in written[0].splitlines()
+        assert "1\t1\tMC_YAW_P\t5.5\t9" in written[0].splitlines()
         told = "equal to flagship inside by the model: slew 17.4 of 17.5 N m/s, Ms 1.44 of 1.45"
-        assert f"{told}; MC_ROLL_P above PX4's limit, 12" in result.stderr
+        assert f"{told}; MC_YAW_P above PX4's limit, 5" in result.stderr
         ours = by_name["px4-flagship"]
         assert ours["own_error_ratio"] == pytest.approx(INSIDE / EQUAL)
         assert ours["own_error_ratio_low"] < INSIDE / EQUAL < ours["own_error_ratio_high"]
+    drawn = Path("curve.svg").read_text(encoding="utf-8")
+    assert [f">  {name}</text>" in drawn for name in names] == [name != "flagship" for name in names]
+    predicted = [each for each in rows if each["predicted_slew"] is not None]
+    assert [each["name"] for each in predicted] == names[:-1]  # of the law here there are measured margins
+    assert by_name["px4-flagship"]["predicted_own_rmse_deg"] < by_name["px4-stock"]["predicted_own_rmse_deg"]
     assert rows[0]["own_error_ratio"] is None
     assert by_name["flagship"]["own_error_ratio"] is None  # it has no estimate of its own

@@ -19,7 +19,9 @@ HEADINGS = (
     "RMSE [deg]",
     "RMSE as it sees it [deg]",
     "as it sees it, against the first",
+    "predicted [deg]",
     "torque slew [N m/s]",
+    "predicted [N m/s]",
     "Ms",
     "delay margin [ms]",
     "seeds",
@@ -96,7 +98,8 @@ def _describe_ratio(ratio: IntervalEstimate) -> str:
 
 def _cells(row: ComparisonRow) -> list[str]:
     margin = None if row.delay_margin_s is None else 1e3 * row.delay_margin_s
-    figures = row.rmse_deg, row.own_rmse_deg, row.torque_slew_rms, row.Ms, margin
+    own, slew = row.predicted_own_rmse_deg, row.predicted_slew
+    figures = row.rmse_deg, row.own_rmse_deg, own, row.torque_slew_rms, slew, row.Ms, margin
     told = ["" if figure is None else format_number(figure) for figure in figures]
     told.insert(2, "" if row.own_ratio is None else _describe_ratio(row.own_ratio))
     speed = "" if row.realtime_factor is None else format_number(row.realtime_factor)

@@ -20,6 +20,7 @@ from gustproof.design.derive import WeightedTransfer
 from gustproof.design.tune import Tuning
 from gustproof.flight.scoring.metrics import Metrics, attitude
 from gustproof.show.report.figure_style import font_size, is_paper, legend_columns, new_figure, panels, save_figure
+from gustproof.studies.campaign.comparison import ComparisonRow
 from gustproof.studies.rate.analyse import Analysis
 from gustproof.studies.rate.hover_loop import HoverLoop
 from gustproof.studies.rate.law_margins import SPREADS
@@ -213,6 +214,32 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
         axes.plot(own, math.degrees(tuning.rmse), "o", color=_colour(str(tuning.kind)), label=tuning.law.name)
         _style_axes(axes, "RMSE, three axes [deg]", title, label)
     over_slew.legend(frameon=False, fontsize=font_size(9))
+    save_figure(figure, path)
+
+
+def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> None:
+    """Draw error by an autopilot's own estimate over torque slew: of each row as predicted (ring) and flown (disc).
+
+    What has no such estimate is not drawn.
+    """
+    figure = _new_figure((8.0, 5.0), title)
+    (axes,) = panels(figure, 1, 1)
+    for index, row in enumerate(rows):
+        if (error := row.own_rmse_deg) is None:
+            continue
+        slew, colour = row.torque_slew_rms, _CURVES[index % len(_CURVES)]
+        axes.plot(slew, error, "o", color=colour, label=row.name)
+        axes.annotate(f"  {row.name}", (slew, error), fontsize=font_size(8), color=_INK)
+        if row.predicted_slew is not None and row.predicted_own_rmse_deg is not None:
+            axes.plot([row.predicted_slew, slew], [row.predicted_own_rmse_deg, error], color=colour, linewidth=0.8)
+            axes.plot(row.predicted_slew, row.predicted_own_rmse_deg, "o", color=colour, fillstyle="none", markersize=9)
+    _style_axes(axes, "RMSE by its own estimate [deg]", "ring: by the model, disc: flown", "torque slew [N m/s]")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(x=0.2)  # for the names
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}")
     save_figure(figure, path)
 
 

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import geometric_mean, median
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from gustproof.design.inside import PriceInside
 from gustproof.errors import DesignError, FlightError
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.controllers import fly_controller
@@ -48,10 +50,14 @@ class ComparisonRow:
     """[deg] rms of the true attitude; it holds the heading error of an autopilot's compass."""
     own_rmse_deg: float | None
     """[deg] rms of the error that an autopilot sees itself; `None` for what flies here."""
+    predicted_own_rmse_deg: float | None
+    """[deg] the same by the model, of an autopilot's own loops or of a law inside; `None` if the model has none."""
     torque_slew_rms: float
     """[N*m/s] rms of the commanded torque's change."""
+    predicted_slew: float | None
+    """[N*m/s] the same by the model."""
     Ms: float | None
-    """[-] largest sensitivity peak of an axis, measured in flights here; `None` of an autopilot, or if it can't be."""
+    """[-] largest sensitivity peak of an axis, measured in flights here, by the model of an autopilot; or `None`."""
     delay_margin_s: float | None
     """[s] least destabilising additional delay, likewise."""
     realtime_factor: float | None
@@ -81,7 +87,9 @@ class ComparisonRow:
             "steady_rmse_deg": self.steady_rmse_deg,
             "rmse_deg": self.rmse_deg,
             "own_rmse_deg": self.own_rmse_deg,
+            "predicted_own_rmse_deg": self.predicted_own_rmse_deg,
             "torque_slew_rms": self.torque_slew_rms,
+            "predicted_slew": self.predicted_slew,
             "Ms": self.Ms,
             "delay_margin_s": self.delay_margin_s,
             "realtime_factor": self.realtime_factor,
@@ -104,11 +112,12 @@ def compare(
     controllers: Mapping[str, AnyController],
     seeds: Sequence[int],
     progress: Callable[[float, str], None] = lambda *_: None,
+    predicted: Mapping[str, PriceInside] = MappingProxyType({}),
 ) -> list[ComparisonRow]:
     """Fly controllers, by their names, with the same seeds and return the row of each; autopilots leave no files.
 
     A controller flies on, seed by seed, until its error over that of the first is known, see `find_change`. Its error
-    with a seed is the geometric mean over the scenarios.
+    with a seed is the geometric mean over the scenarios. What the model `predicted` of some stands in their rows.
 
     Raises
     ------
@@ -135,6 +144,7 @@ def compare(
             None if each is first else first,
             names,
             _measure_point(controllers[name], vehicle, scenarios[0]),
+            predicted.get(name),
         )
         for name, each in flown.items()
     ]
@@ -216,7 +226,12 @@ def _measure_point(controller: AnyController, vehicle: Vehicle, scenario: Scenar
 
 
 def _make_row(
-    name: str, flown: _Flights, first: _Flights | None, scenarios: Sequence[str], point: MeasuredPoint | None
+    name: str,
+    flown: _Flights,
+    first: _Flights | None,
+    scenarios: Sequence[str],
+    point: MeasuredPoint | None,
+    predicted: PriceInside | None = None,
 ) -> ComparisonRow:
     """Return the row of a controller; `first` are the flights that it is compared with."""
     margin = math.inf if point is None else point.delay_margin
@@ -225,8 +240,10 @@ def _make_row(
         steady_rmse_deg=median(_errors(flown)),
         rmse_deg=median(geometric_mean(each.rmse_deg for each in seed) for seed in flown),
         own_rmse_deg=_middle(flown, "own_rmse_deg"),
+        predicted_own_rmse_deg=None if predicted is None else math.degrees(predicted.seen_rmse),
         torque_slew_rms=median(geometric_mean(each.torque_slew_rms for each in seed) for seed in flown),
-        Ms=None if point is None else point.Ms,
+        predicted_slew=None if predicted is None else predicted.slew,
+        Ms=point.Ms if point is not None else None if predicted is None else predicted.Ms,
         delay_margin_s=margin if math.isfinite(margin) else None,
         realtime_factor=_middle(flown, "realtime_factor"),
         seeds=len(flown),
