@@ -1,7 +1,7 @@
 """Versions of real autopilots as data: what differs between them, and which of them have been tried.
 
-What a build says itself is read from it: by what its start script takes parameters, whether a law is built into it,
-and its version, which is told without starting it. The rest stands in `VERSIONS`, one table for each autopilot.
+What a build says itself is read from it: how its start script takes parameters, whether a law is built into it. Its
+version is told without starting it. The rest stands in `VERSIONS`, one table for each autopilot.
 A version that has not been tried flies with a warning, by the row of the nearest.
 
 References
@@ -24,7 +24,7 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 
 
 class Version(NamedTuple):
-    """What a version of an autopilot has of its own, of all that is used here."""
+    """Peculiarities of a version of an autopilot, of all that is used here."""
 
     number: str
     """Its first two numbers."""

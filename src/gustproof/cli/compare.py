@@ -93,7 +93,6 @@ def compare(
     """
     from firmware_model.config.vehicle import load_vehicle
     from gustproof.studies.campaign.comparison import compare as fly_all
-    from gustproof.studies.campaign.paired import Change
 
     written = _check_tables(output)
     airframe = load_vehicle(vehicle)
@@ -104,22 +103,40 @@ def compare(
     with TemporaryDirectory() as folder, progress(scripts[0].name, quiet=as_json) as shown:
         if len(laws) == 1 or _are_given(context):
             _check_autopilots(scripts, autopilot)
-            first = next(iter(laws.values()))
-            equal = Path(folder) / f"{EQUAL}.params"
-            sets = params or ([EQUAL, "stock"] if _has_price(first, scripts) else ["stock"])
+            first, equal = next(iter(laws.values())), Path(folder) / f"{EQUAL}.params"
+            sets = params or _default_sets(first, scripts)
             named = _find_autopilots(autopilot, build, sets, inside, first.name, equal)
             if EQUAL in sets:
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
             predicted = _predict(named, first, airframe, scripts)
-        for name, each in laws.items():
-            named[each.name if each.name not in named else name] = each
+        _add_laws(named, laws)
         rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown, predicted)
-    what = scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
-    _tell(f"{what} on {airframe.name}", rows, written, as_json=as_json)
-    unasked = [] if params else [name for name in named if name.endswith(f"{autopilot}-stock")]
-    if Change.WORSE in [row.change for row in rows if row.name not in unasked]:
+    _tell(f"{_name_all(scripts)} on {airframe.name}", rows, written, as_json=as_json)
+    if _is_any_worse(rows, but="" if params else f"{autopilot}-stock"):
         raise typer.Exit(ExitStatus.REQUIREMENT_FAILED.value)
+
+
+def _is_any_worse(rows: "list[ComparisonRow]", but: str) -> bool:
+    """Return whether a row is worse than the first, but for those whose names end with `but`, if that is not empty."""
+    from gustproof.studies.campaign.paired import Change
+
+    return any(row.change is Change.WORSE for row in rows if not but or not row.name.endswith(but))
+
+
+def _add_laws(named: "dict[str, AnyController]", laws: "dict[str, Controller]") -> None:
+    """Add laws by their own names, or by those that they were given if another has it already."""
+    for name, each in laws.items():
+        named[each.name if each.name not in named else name] = each
+
+
+def _name_all(scripts: "list[Scenario]") -> str:
+    return scripts[0].name if len(scripts) == 1 else f"{len(scripts)} scenarios"
+
+
+def _default_sets(law: "Controller", scripts: "list[Scenario]") -> list[str]:
+    """Return the sets of parameters that are flown if none is asked for."""
+    return [EQUAL, "stock"] if _has_price(law, scripts) else ["stock"]
 
 
 def _predict(

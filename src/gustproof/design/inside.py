@@ -34,7 +34,7 @@ _LEAST_PEAK = 1.4
 
 
 class PriceInside(NamedTuple):
-    """What a law or its own loops spend inside an autopilot, and the error that they have for it, by the model."""
+    """Error and price of a law inside an autopilot, or of the autopilot's own loops, by the model."""
 
     seen_rmse: float
     """[rad] rms attitude error by the autopilot's own estimate, pooled over the axes."""

@@ -235,23 +235,32 @@ def _make_row(
 ) -> ComparisonRow:
     """Return the row of a controller; `first` are the flights that it is compared with."""
     margin = math.inf if point is None else point.delay_margin
+    error, slew, Ms = _forecast(predicted)
+    ratio, own_ratio = (None, None) if first is None else (_ratio(flown, first), _own_ratio(flown, first))
     return ComparisonRow(
         name=name,
         steady_rmse_deg=median(_errors(flown)),
         rmse_deg=median(geometric_mean(each.rmse_deg for each in seed) for seed in flown),
         own_rmse_deg=_middle(flown, "own_rmse_deg"),
-        predicted_own_rmse_deg=None if predicted is None else math.degrees(predicted.seen_rmse),
+        predicted_own_rmse_deg=error,
         torque_slew_rms=median(geometric_mean(each.torque_slew_rms for each in seed) for seed in flown),
-        predicted_slew=None if predicted is None else predicted.slew,
-        Ms=point.Ms if point is not None else None if predicted is None else predicted.Ms,
+        predicted_slew=slew,
+        Ms=Ms if point is None else point.Ms,
         delay_margin_s=margin if math.isfinite(margin) else None,
         realtime_factor=_middle(flown, "realtime_factor"),
         seeds=len(flown),
         failed=sum(each.failed for seed in flown for each in seed),
-        ratio=None if first is None else _ratio(flown, first),
-        own_ratio=None if first is None else _own_ratio(flown, first),
+        ratio=ratio,
+        own_ratio=own_ratio,
         by_scenario=dict(_by_scenario(flown, first, scenarios)),
     )
+
+
+def _forecast(predicted: PriceInside | None) -> tuple[float, float, float] | tuple[None, None, None]:
+    """Return error [deg], slew [N*m/s] and Ms [-] by the model; `None` for each if it has none."""
+    if predicted is None:
+        return None, None, None
+    return math.degrees(predicted.seen_rmse), predicted.slew, predicted.Ms
 
 
 def _middle(flown: _Flights, figure: str) -> float | None:
