@@ -78,6 +78,7 @@ _SET, _OWN_LINKS = "param set {name} {value}", f". ${{R}}etc/init.d-posix/{_LINK
 _VARIABLE = "PX4_PARAM_"  # begins the variables that newer start scripts read in place of the file
 _START_SCRIPT = "etc/init.d-posix/rcS"
 _COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
+_LAW = {"IMU_GYRO_CUTOFF": "80"}  # behind its usual 40 Hz a law loses much of its margins; exported folders ask for it
 _AXES, _GAINS = ("ROLL", "PITCH", "YAW"), ("_P", "RATE_P", "RATE_I", "RATE_D")
 _WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 """Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
@@ -96,7 +97,7 @@ def make_px4(options: ExternalOptions, scenario: Scenario, vehicle: Vehicle) -> 
     extra = read_parameters(options.params, "px4") if options.params else {}
     # By its default PX4 would trust the compass less than this gyro's drift, and its heading would wander by .1 deg.
     noise = {"EKF2_GYR_NOISE": f"{max(vehicle.gyro.noise_density * _BANDWIDTH_HZ**0.5, _GYRO_NOISE_LEAST):.4g}"}
-    values = {**px4_parameters(vehicle), **_OPERATION, **noise, **extra}
+    values = {**px4_parameters(vehicle), **_OPERATION, **noise, **(_LAW if options.law else {}), **extra}
     build = find_build(options.build)
     version = read_version("px4", build)
     if options.law:
