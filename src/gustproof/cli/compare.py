@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from gustproof.flight.controllers.user_controller import Controller
     from gustproof.studies.campaign.comparison import AnyController, ComparisonRow
 
+_PAIR = 2  # autopilots that are compared without a law beside them, unless one is named
 _FIGURES = (".png", ".svg", ".pdf")
 EQUAL = "equal"
 """Name of the parameters that are tuned to the price of a law inside."""
@@ -84,7 +85,7 @@ def compare(
 
     Each is compared with the first by the error of the same seeds, until that is known to be better, worse or alike:
     within 1 %. The test is read after each seed, and wrong in 1 % of comparisons at most. Of several scenarios the
-    geometric mean counts. Ms and delay margin are measured by flights. Two laws alone need no build. Exit status: 1 if
+    geometric mean counts. Ms and delay margin are measured by flights. Two laws need no build, two autopilots no law. Exit status: 1 if
     one is worse than the first, but for stock gains that were not asked for.
 
         gustproof compare --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
@@ -110,7 +111,7 @@ def compare(
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
             predicted = _predict(named, first, airframe, scripts)
-        _add_laws(named, laws)
+        _add_laws(named, laws, asked=law is not None)
         rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown, predicted)
     _tell(f"{_name_all(scripts)} on {airframe.name}", rows, written, as_json=as_json)
     if _is_any_worse(rows, but="" if params else f"{autopilot}-stock"):
@@ -124,8 +125,13 @@ def _is_any_worse(rows: "list[ComparisonRow]", but: str) -> bool:
     return any(row.change is Change.WORSE for row in rows if not but or not row.name.endswith(but))
 
 
-def _add_laws(named: "dict[str, AnyController]", laws: "dict[str, Controller]") -> None:
-    """Add laws by their own names, or by those that they were given if another has it already."""
+def _add_laws(named: "dict[str, AnyController]", laws: "dict[str, Controller]", *, asked: bool) -> None:
+    """Add laws by their own names, or by those that they were given if another has it already.
+
+    The default one, which was not `asked` for, is left out beside two autopilots.
+    """
+    if not asked and len(named) >= _PAIR:
+        return
     for name, each in laws.items():
         named[each.name if each.name not in named else name] = each
 
