@@ -85,8 +85,8 @@ def compare(
 
     Each is compared with the first by the error of the same seeds, until that is known to be better, worse or alike:
     within 1 %. The test is read after each seed, and wrong in 1 % of comparisons at most. Of several scenarios the
-    geometric mean counts. Ms and delay margin are measured by flights. Two laws need no build, two autopilots no law. Exit status: 1 if
-    one is worse than the first, but for stock gains that were not asked for.
+    geometric mean counts. Ms and delay margin are measured by flights. Two laws need no build, two autopilots no law.
+    Exit status: 1 if one is worse than the first, but for stock gains that were not asked for.
 
         gustproof compare --autopilot px4 --build PX4-Autopilot --inside PX4-with-flagship
 
