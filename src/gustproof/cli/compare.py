@@ -103,10 +103,10 @@ def compare(
     predicted: dict[str, PriceInside] = {}
     with TemporaryDirectory() as folder, progress(scripts[0].name, quiet=as_json) as shown:
         if len(laws) == 1 or _are_given(context):
-            _check_autopilots(scripts, autopilot)
             first, equal = next(iter(laws.values())), Path(folder) / f"{EQUAL}.params"
             sets = params or _default_sets(first, scripts)
             named = _find_autopilots(autopilot, build, sets, inside, first.name, equal)
+            _check_autopilots(scripts, autopilot, [*(build or [""]), *filter(None, [inside])])
             if EQUAL in sets:
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
@@ -219,12 +219,14 @@ def _are_given(context: typer.Context) -> bool:
     return any(is_given(context, each) for each in ("autopilot", "build", "params", "inside"))
 
 
-def _check_autopilots(scripts: "list[Scenario]", kind: str) -> None:
-    """Refuse scenarios that a real autopilot can't fly, and tell at which rate it flies them."""
-    from gustproof.flight.routes.external import check_external
+def _check_autopilots(scripts: "list[Scenario]", kind: str, builds: list[str]) -> None:
+    """Refuse scenarios that a real autopilot can't fly, and builds that are none; tell the rate of its flights."""
+    from gustproof.flight.routes.external import check_external, find_build
 
     for script in scripts:
         check_external(script, kind)
+    for each in builds:
+        find_build(kind, Path(each) if each else None)
     tell_rate(scripts[0], kind)
 
 
