@@ -16,6 +16,7 @@ from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.law.form import load_law
 from gustproof.studies.campaign import comparison
 
+PEER = Path(__file__).parents[1] / "firmware_model" / "external" / "px4_build"
 SHORT = 'description = "gusts"\nduration_s = 6.0\n\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
 OWN = """
 from gustproof import load_law
@@ -114,9 +115,12 @@ def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
         ("--build a --build a", "given twice"),
         ("--law flagship --law flagship", "--law flagship is given twice"),
         ("nowhere --law flagship --law same.json", "nowhere"),
-        ("gust-roll --params equal", "a scenario with gusts, not flagship in gust-roll"),
-        ("short.toml --params equal --law hinf-rates", "a law of torque and a scenario with gusts, not hinf-rates"),
-        ("short.toml --params equal --law gustproof.guide.examples.geometric:make", "a law of torque"),
+        (f"gust-roll --build {PEER} --params equal", "a scenario with gusts, not flagship in gust-roll"),
+        (
+            f"short.toml --build {PEER} --params equal --law hinf-rates",
+            "a law of torque and a scenario with gusts, not hinf-rates",
+        ),
+        (f"short.toml --build {PEER} --params equal --law gustproof.guide.examples.geometric:make", "a law of torque"),
     ],
 )
 def test_what_can_t_be_compared_is_refused_in_a_line(laws: Path, words: str, said: str) -> None:

@@ -279,7 +279,7 @@ def test_every_command_is_run_and_it_is_known_how() -> None:
         "with something in its place": 12,
         "with an output too": 4,
         "in a walk beside this one": 20,
-        "without its build": 8,
+        "without its build": 9,
         "with programs, in tests/conformance": 5,
     }
 
