@@ -101,6 +101,7 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: 
     nominal = hinf_norm(system.nominal_system())
     worst = Bracket(lower=0.0, upper=0.0, omega=nominal.omega, delta={})
     lower, unproved, size, upper = 0.0, math.inf, 1.0, math.inf if nominal.gain < gamma else 0.0
+    is_below = False
     while min(upper, unproved) > (1.0 + accuracy) * lower and lower < _LARGEST:
         found = bracket_gain(_resize(system, size), accuracy=0.25 * accuracy, boxes=boxes, wanted=gamma)
         lower, unproved = (max(lower, size), unproved) if found.upper < gamma else (lower, min(unproved, size))
@@ -108,8 +109,10 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: 
         if reached < upper:
             delta = {name: reached * np.asarray(value) for name, value in found.delta.items()}
             upper, worst = reached, replace(found, delta=delta, omega=omega)
+        # just below what destabilises, unless that was tried: another direction may be worse by little each time
         below, middle = (1.0 - 0.5 * accuracy) * upper, 0.5 * (lower + unproved)
-        size = min(4.0 * size, below if below < unproved else middle)
+        is_below = below < unproved and not is_below
+        size = min(4.0 * size, (middle, below)[is_below])
     return RobustMargin(
         lower=lower if lower < _LARGEST else math.inf,
         upper=upper,
