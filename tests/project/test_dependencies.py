@@ -38,6 +38,7 @@ def test_every_package_that_is_imported_is_declared(package: Path) -> None:
         distribution(line) for line in [*PROJECT["dependencies"], *(x for lines in EXTRAS.values() for x in lines)]
     }
     declared |= {"llvmlite", "pydantic-core"}  # of numba and pydantic, at the versions that they ask for
+    declared |= {"ipython"}  # is there where a notebook runs, and imported nowhere else
     known = packages_distributions()
     files = [path for path in package.rglob("*.py") if path.parent.name != "clients"]  # programs of users
     foreign = set().union(*map(imported, files)) - set(sys.stdlib_module_names) - OWN
