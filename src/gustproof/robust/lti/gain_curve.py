@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import zgetrf, zgetrs
 
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
 from gustproof.types import Array
@@ -113,8 +114,8 @@ class GainCurve:
         if np.isinf(omega) and not G.dt:
             return _ROUNDINGS * _EPS * float(np.linalg.norm(G.D))
         point = self._points(np.array([omega]))[0]
-        inverse = np.linalg.inv(point * np.eye(G.order) - G.A)
-        states, seen = np.abs(inverse @ G.B), np.abs(G.C @ inverse)
+        factors, pivots, _ = zgetrf(point * np.eye(G.order) - G.A)
+        states, seen = np.abs(zgetrs(factors, pivots, G.B)[0]), np.abs(zgetrs(factors, pivots, G.C.T, trans=1)[0]).T
         # z and A nearly cancel where a discrete system is slow, so each counts by itself
         terms = abs(point) * states + np.abs(G.A) @ states + np.abs(G.B)
         moved = seen @ terms + np.abs(G.C) @ states + np.abs(G.D)
@@ -146,17 +147,19 @@ class GainCurve:
         return np.asarray((resolvent @ self.residues).reshape(omega.size, *self.G.D.shape) + self.G.D)
 
 
-def gain_curve(G: Lti, poles: ComplexMatrix) -> GainCurve:
-    """Return the gain over frequency of a stable system with states in balanced units and its `poles`, (n,)."""
+def gain_curve(G: Lti, poles: ComplexMatrix, V: ComplexMatrix) -> GainCurve:
+    """Return the gain over frequency of a stable system, its states in balanced units.
+
+    `poles`, (n,), and `V`, (n, n), are the eigenvalues and eigenvectors of its A.
+    """
     image = 2.0 / G.dt * (poles - 1.0) / (poles + 1.0) if G.dt else poles
     exact = GainCurve(G=G, poles=image, own_poles=poles, residues=None)
     try:
-        values, V = np.linalg.eig(G.A)
         inverse = np.linalg.inv(V)
     except np.linalg.LinAlgError:
         return exact
-    residues = ((G.C @ V).T[:, :, None] * (inverse @ G.B)[:, None, :]).reshape(G.order, -1).astype(np.complex128)
-    guided = GainCurve(G=G, poles=image, own_poles=values.astype(np.complex128), residues=residues)
+    residues = ((G.C @ V).T[:, :, None] * (inverse @ G.B)[:, None, :]).reshape(G.order, -1)
+    guided = GainCurve(G=G, poles=image, own_poles=poles, residues=residues)
     if np.linalg.norm(V) * np.linalg.norm(inverse) <= _WELL_CONDITIONED:
         return guided
     size = np.abs(image)

@@ -87,7 +87,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     if not 0.0 < accuracy < 1.0:
         raise ValueError(f"accuracy is {accuracy!r}, must be between 0 and 1")
     G = balance_states(as_lti(system))
-    poles = eigenvalues(G.A)
+    poles, modes = _eigensystem(G.A)
     beyond = np.abs(poles) - 1.0 if G.dt else poles.real
     if beyond.max(initial=-1.0) >= 0.0:
         worst = poles[np.argmax(beyond)]
@@ -96,7 +96,7 @@ def hinf_norm(system: LinearSystem, *, accuracy: float = 1e-9) -> Peak:
     if not G.order or not G.D.size:
         size = largest_gain(G.D) if G.D.size else 0.0
         return Peak(gain=size, omega=np.inf, error=2.0 * accuracy * size)
-    peak = _stable_peak(gain_curve(G, poles), accuracy)
+    peak = _stable_peak(gain_curve(G, poles, modes), accuracy)
     if G.dt:
         omega = 2.0 / G.dt * math.atan(peak.omega * G.dt / 2.0)
         return Peak(gain=peak.gain, omega=omega, error=peak.error)
@@ -113,14 +113,31 @@ def eigenvalues(A: Matrix) -> ComplexMatrix:
     LinAlgError
         If they did not converge.
     """
+    return _decompose(A, with_vectors=False)[0]
+
+
+def _eigensystem(A: Matrix) -> tuple[ComplexMatrix, ComplexMatrix]:
+    """Return the eigenvalues (n,) and eigenvectors (n, n) of a small real matrix."""
+    values, packed = _decompose(A, with_vectors=True)
+    vectors = packed.astype(np.complex128)
+    (first,) = np.nonzero(
+        values.imag > 0.0
+    )  # of each conjugate pair, whose real and imaginary parts stand side by side
+    vectors[:, first] += 1j * packed[:, first + 1]
+    vectors[:, first + 1] = vectors[:, first].conj()
+    return values, vectors
+
+
+def _decompose(A: Matrix, *, with_vectors: bool) -> tuple[ComplexMatrix, Matrix]:
+    """Return eigenvalues, and eigenvectors as LAPACK packs them, if they are asked for."""
     if not A.size:
-        return np.zeros(0, dtype=np.complex128)
+        return np.zeros(0, dtype=np.complex128), A
     if not np.isfinite(A).all():
         raise ValueError("the matrix has what is no number or infinite")
-    real, imaginary, _, _, failed = dgeev(A, compute_vl=0, compute_vr=0)
+    real, imaginary, _, vectors, failed = dgeev(A, compute_vl=0, compute_vr=with_vectors)
     if failed:
         raise np.linalg.LinAlgError("the eigenvalues did not converge")
-    return np.asarray(real + 1j * imaginary)
+    return np.asarray(real + 1j * imaginary), np.asarray(vectors)
 
 
 def h2_norm(system: LinearSystem) -> float:
