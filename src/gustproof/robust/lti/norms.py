@@ -31,8 +31,8 @@ _LOOKS = 2
 """Number of looks at the Hamiltonian matrix that may settle a norm before it is searched in rounds."""
 
 _NARROW, _FAR_BELOW = 1e-2, 1e-4
-"""[-] largest width of a band that counts as narrow, as a part of the distance of the samples about it, and how far
-below these are. A parabola is a hundred times as wide there."""
+"""[-] largest width of a narrow band, of the distance of the samples about it, and how far below these are. A parabola
+is a hundred times as wide there."""
 
 _NOISE = 1e-2
 """[-] part of a gain from which its rounding may hide every crossing."""
