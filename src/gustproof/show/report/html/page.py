@@ -76,7 +76,7 @@ def render_page(
     shown = f" Curves of long flights show the extremes of {MAX_SAMPLES // 2} sections." if thinned else ""
     parts = {
         "title": escape(title or f"{shorten(scenarios)}: {shorten(dict.fromkeys(run.pilot_name for run in runs))}"),
-        "scenarios": _render_about(runs),
+        "scenarios": _render_about(runs, warns=not intro),
         "intro": intro,
         "first": '<a href="#verdict">Verdict</a> ' * bool(intro),
         "tiles": render_headline(runs),
@@ -88,9 +88,12 @@ def render_page(
     return fill_page("page.html", parts | chart_parts(page, numbers, _SCRIPTS))
 
 
-def _render_about(runs: Sequence[ReportRun]) -> str:
-    """Return what was flown, and what must be known before any figure is read."""
-    warned = dict.fromkeys(f"{run.label}: {warning}" for run in runs for warning in run.warnings)
+def _render_about(runs: Sequence[ReportRun], *, warns: bool) -> str:
+    """Return what was flown, and what must be known before any figure is read.
+
+    A page with a verdict does not warn: it flies gains on purpose where they fail.
+    """
+    warned = dict.fromkeys(f"{run.label}: {warning}" for run in runs for warning in run.warnings) if warns else {}
     told = "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(_describe(runs)))
     return told + "".join(f"<p class='bad'>{escape(text)}</p>" for text in warned)
 

@@ -123,6 +123,8 @@ def test_another_vehicles_law_is_named(runs, page):
     words = escape(f"law '{runs[0].law.name}' was designed for vehicle 'paper', not 'iris'")
     page = render_page([replace(runs[0], vehicle=load_vehicle("iris"))])
     assert f": {words}</p>" in page[: page.index("<nav")]  # before any figure
+    judged = render_page([replace(runs[0], vehicle=load_vehicle("iris"))], intro="<p>sound</p>")
+    assert words not in judged[: judged.index("<nav")]  # a judgement flies where gains fail, on purpose
 
 
 def test_the_page_names_the_licence_of_what_it_carries(page):
