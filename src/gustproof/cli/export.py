@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from firmware_model.config.parameter_files import is_parameter_file
 from firmware_model.errors import ConfigError
-from gustproof.cli.laws import LAW_HELP, find_law
+from gustproof.cli.laws import LAW_HELP, find_law, is_parameter_file
 from gustproof.cli.options import (
     AsJson,
     Force,

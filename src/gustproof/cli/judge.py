@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from firmware_model.config.parameter_files import SUFFIXES, is_parameter_file
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
-from gustproof.cli.laws import is_log, logged_parameters, read_gains
+from gustproof.cli.laws import is_log, is_parameter_file, logged_parameters, read_gains
 from gustproof.cli.options import (
     SEED,
     AsJson,
@@ -83,6 +82,7 @@ def judge(
 
         gustproof judge flagship --json
     """
+    from firmware_model.config.parameter_files import SUFFIXES
     from gustproof.show.report.judgement import NONE_BETTER
     from gustproof.studies.rate.advice import autopilot_kind
     from gustproof.studies.rate.judge import Verdict
@@ -128,7 +128,7 @@ def _print_next(
     stem = Path(chosen).stem
     if not is_better and found.verdict is not Verdict.SOUND:
         if better is None and (kind is None or tuned is not None):
-            print_again(context, "--better", stem + ("-better.json", f"-better{SUFFIXES[0]}")[kind is not None])
+            print_again(context, "--better", stem + ("-better.json", "-better.params")[kind is not None])
     elif kind is None:
         print_next("export", chosen, *_export_words(found.law, vehicle, named, stem))
     elif is_parameter_file(chosen) and _flies_its_rotors(vehicle):

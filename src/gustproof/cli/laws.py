@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firmware_model.config.parameter_files import is_parameter_file
 from firmware_model.config.validation import printable
 from firmware_model.errors import ConfigError
 
@@ -45,6 +44,13 @@ def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
     from gustproof.flight.controllers.user_controller import parse_controller
 
     return parse_controller(source) if is_user_controller(source) else find_law(source, vehicle, None)
+
+
+def is_parameter_file(name_or_path: str | Path) -> bool:
+    """Return whether a name is that of an autopilot's parameter file."""
+    from firmware_model.config import parameter_files
+
+    return parameter_files.is_parameter_file(name_or_path)
 
 
 def find_law(name_or_path: str, vehicle: "Vehicle", rate_hz: int | None) -> "Law":

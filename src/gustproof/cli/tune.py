@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from firmware_model.config.parameter_files import SUFFIXES
 from firmware_model.errors import ConfigError
 from gustproof.cli.laws import is_log, read_gains, tell_remarks
 from gustproof.cli.options import (
@@ -76,12 +75,14 @@ def tune(
 
     Spreads of inertia and lag are kept, 20 % and 30 % without. The flagship also keeps the margins of a PID, where they
     cost at most 15 % over the least error. Steps of --from are at most 1.5 times in any gain and 2 times in slew. It
-    writes the first: fly it, and start from its log for the next. --at-once is for a vehicle in simulation.
+    writes the first that is sound, or safer than what flies. Fly it, and start from its log for the next. --at-once is
+    for a vehicle in simulation.
 
         gustproof tune my-quad.toml --slew 7 -o my-law.json --figure my-curve.png
 
         gustproof tune my-quad.toml --from flight.ulg -o my-quad.params
     """
+    from firmware_model.config.parameter_files import SUFFIXES
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
 

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from firmware_model.config.parameter_files import is_parameter_file
 from firmware_model.errors import ConfigError
 from gustproof.cli.campaign.plan import Workers, describe_start, open_pool
 from gustproof.cli.failures import ExitStatus, exit_with
-from gustproof.cli.laws import LAW_HELP, choose_law, on_vehicle
+from gustproof.cli.laws import LAW_HELP, choose_law, is_parameter_file, on_vehicle
 from gustproof.cli.options import (
     COMPILING,
     SEED,

@@ -307,7 +307,7 @@ class _Search:
         """Return the first parameters that are found: at the least peak off nominal, within the first ranges."""
         tries = list(product(_CORNER_PEAKS, choices, _SPEEDS))
         for number, (corner, ranges, speed) in enumerate(tries):
-            progress(number / len(tries), f"at most {corner * self._peak:.3g} off nominal")
+            progress(number / len(tries), f"try {number + 1}, Ms up to {corner * self._peak:.3g} over the spreads")
             values = self.run(corner, speed, ranges)
             if values is not None:
                 return values

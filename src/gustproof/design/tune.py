@@ -479,7 +479,7 @@ def _add_margins(task: TuningTask, law: Law, limits: TuningLimits) -> tuple[Law,
     own = worst_margins(law, vehicle, scenario)
     later, stronger = max(pid.delay_margin - own.delay_margin, 0.0), max(pid.gain_margin / own.gain_margin, 1.0)
     for number, share in enumerate(_SHARES):
-        task.progress(0.4 + 0.15 * number, "trading error for margins")
+        task.progress(0.4 + 0.15 * number, f"error for margins, try {number + 1} of {len(_SHARES)}")
         delay = scenario.delay_samples + math.floor((own.delay_margin + share * later) / scenario.dt)
         wanted = replace(limits, delay_samples=delay, gain=own.gain_margin * stronger**share)
         try:

@@ -43,7 +43,7 @@ _LAYOUT = np.dtype(
 
 def tf_rows(records: NDArray[np.void]) -> NDArray[np.int64]:
     """Return the places (k,) of the journal's `records` (n,) that stand on /tf: each `TF_S` or more after the last."""
-    step_us = float(np.median(np.diff(records["time_us"]))) if len(records) > 1 else 1.0
+    step_us = max(float(np.median(np.diff(records["time_us"]))), 1.0) if len(records) > 1 else 1.0
     return np.arange(0, len(records), max(1, math.ceil(1e6 * TF_S / step_us - 1e-6)))
 
 

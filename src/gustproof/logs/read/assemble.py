@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
+from gustproof.logs.read.flight_log import ABSENT, CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.flown_part import place_notches
 from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
 from gustproof.types import Array
@@ -235,7 +235,8 @@ def _on_clock(rows: Rows, gyro: Rows) -> Rows:
 
 def _shortcomings(signals: dict[str, LogSignal]) -> list[str]:
     """Return what the signals lack, a line each."""
-    lines = [f"{name}: none in this log" for name in SIGNALS[:-1] if name not in signals]
+    absent = [name for name in SIGNALS[:-1] if name not in signals]
+    lines = [f"{ABSENT}{', '.join(absent)}"] * bool(absent)
     used = "gyro", "command" if "command" in signals else "motors"
     for name, signal in signals.items():
         steps = np.diff(signal.time)

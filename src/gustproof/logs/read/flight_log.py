@@ -6,6 +6,9 @@ from enum import Enum
 
 from gustproof.types import Array
 
+ABSENT = "not in this log: "
+"""Begins the finding that names the signals that a log lacks, and may do without."""
+
 
 class CommandUnit(Enum):
     """Unit of a log's torque command."""

@@ -74,7 +74,7 @@ def read_log(path: Path) -> FlightLog:
     >>> log.gyro.values.shape, round(float(log.gyro.time[-1]), 3)
     ((500, 3), 0.998)
     >>> log.findings[0]
-    'command: none in this log'
+    'not in this log: command, motors, accelerometer, attitude, reference'
     """
     try:
         with np.errstate(all="ignore"):  # numbers of a damaged file overflow; they are left out

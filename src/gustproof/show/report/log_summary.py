@@ -13,7 +13,7 @@ from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.assemble import SIGNALS
 from gustproof.logs.read.flight_log import FlightLog
 from gustproof.show.report.judgement import title
-from gustproof.show.report.terminal import Renderable
+from gustproof.show.report.terminal import Renderable, warning_lines
 from gustproof.show.report.vehicle_numbers import identification_document, number_rows
 from gustproof.studies.logged_flight import NO_MASS, LoggedFlight, contradiction
 from gustproof.studies.rate.filter_advice import QUIET, FilterChoice, best_choice
@@ -102,7 +102,7 @@ def render_flight(flight: LoggedFlight) -> Renderable:
             for row in rows:
                 table.add_row(*row)
             parts.append(table)
-    return Group(*parts, *(Text(f"warning: {line}", style="yellow") for line in doubts(flight)))
+    return Group(*parts, *warning_lines(doubts(flight)))
 
 
 def _vehicle_table(flight: LoggedFlight) -> tuple[Sequence[str], Sequence[Sequence[str]]]:

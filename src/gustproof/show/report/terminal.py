@@ -22,6 +22,7 @@ from gustproof.flight.scoring.requirements import (
     requirement_window,
     verdict,
 )
+from gustproof.logs.read.flight_log import ABSENT
 
 Renderable = RenderableType
 _WIDTH = 118
@@ -98,8 +99,13 @@ def render_flight(
         parts.append(requirements_table(requirements))
     if timing:
         parts.extend(map(Text, timing_lines(timing)))
-    parts += [Text(f"warning: {line}", style="yellow") for line in warnings]
+    parts += warning_lines(warnings)
     return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
+
+
+def warning_lines(lines: Iterable[str]) -> list[Text]:
+    """Return warnings, a line each; what a log may do without is none."""
+    return [Text(line) if line.startswith(ABSENT) else Text(f"warning: {line}", style="yellow") for line in lines]
 
 
 def estimator_view_lines(view: EstimatorView) -> Iterable[str]:

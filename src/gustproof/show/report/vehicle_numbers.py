@@ -6,13 +6,12 @@ from typing import Any
 
 from rich.console import Group
 from rich.table import Table
-from rich.text import Text
 
 from firmware_model.types import AXES
 from gustproof.logs.identify.air import IdentifiedAir
 from gustproof.logs.identify.identification import AxisEstimate, Interval
 from gustproof.logs.identify.shown_vehicle import ShownVehicle
-from gustproof.show.report.terminal import Renderable
+from gustproof.show.report.terminal import Renderable, warning_lines
 
 
 def identification_document(shown: ShownVehicle) -> dict[str, Any]:
@@ -99,7 +98,7 @@ def render_identification(shown: ShownVehicle) -> Renderable:
     table = Table("95 % intervals in brackets", *AXES, title=f"Vehicle of {shown.identification.source}")
     for row in number_rows(shown):
         table.add_row(*row)
-    return Group(table, *(Text(f"warning: {line}", style="yellow") for line in shown.findings))
+    return Group(table, *warning_lines(shown.findings))
 
 
 def _format_interval(interval: Interval | None, scale: float = 1.0, *, least: float = -math.inf) -> str:

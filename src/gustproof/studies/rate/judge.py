@@ -270,18 +270,18 @@ def judge_law(
     vehicle, box = vehicles.nominal, plant_box(vehicles)
     scenario = scenario_for(law, vehicle, scenario)
     budget, usual = moment or air_budget(vehicle, scenario), default_slew(vehicle, scenario)
-    progress(0.0, "margins over the spreads")
+    progress(0.0, "step 1 of 4: margins over the spreads")
     tried = [vehicle, *box.corners()]
     unstable = [each for each in tried if spectral_radius(law, each, scenario) >= 1.0]
     predicted, axes = _judge_axes(law, box, unstable, scenario)
     edge = nearest_instability(law, box, scenario)
     if edge is not None and edge.times <= 1.0 and not unstable:  # stable at the corners, but not between them
         unstable.append(edge.vehicle())
-    progress(0.2, "worst gust")
+    progress(0.2, "step 2 of 4: worst gust")
     gust, gust_note = _search(law, box, unstable, budget, scenario, seed)
-    progress(0.4, "proof")
+    progress(0.4, "step 3 of 4: proof")
     proof, proof_note = _prove(law, box, unstable, budget, scenario)
-    progress(0.8, "failure and advice")
+    progress(0.8, "step 4 of 4: failure and advice")
     delays = min((axis.nominal.delay_margin for axis in axes), default=math.inf), scenario.dt + SPARE_DELAY
     found = Judgement(
         law=law,

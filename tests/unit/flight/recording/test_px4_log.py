@@ -47,7 +47,7 @@ def test_each_topic_has_the_numbers_of_the_records(tmp_path):
     assert np.array_equal(log.get_dataset("vehicle_local_position").data["vz"], single["velocity_N"][:, 2])
     ours = read_log(tmp_path / "a.ulg")
     assert np.array_equal(ours.gyro.values, single["gyro_B"])
-    assert [line for line in ours.findings if "none in this log" in line] == ["motors: none in this log"]
+    assert [line for line in ours.findings if "not in this log" in line] == ["not in this log: motors"]
 
 
 def test_attitude_of_a_real_autopilot_is_its_estimate_beside_the_truth(tmp_path):

@@ -34,7 +34,7 @@ def test_read_log_of_a_bag_takes_what_was_measured_and_sent(tmp_path: Path, reco
         assert log.attitude is None
         assert log.reference is None
         assert log.airborne == ((0.0, log.gyro.time[-1]),)
-        assert "attitude: none in this log" in log.findings
+        assert log.findings == ("not in this log: motors, attitude, reference",)
 
 
 def test_read_log_of_a_bag_takes_the_attitude_that_a_real_autopilot_told(tmp_path: Path, records: np.ndarray) -> None:

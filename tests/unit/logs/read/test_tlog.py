@@ -81,7 +81,7 @@ def test_read_log_of_telemetry_takes_the_first_autopilot(written: Write, station
     assert log.command.time == pytest.approx(0.0009 + 0.004 * np.arange(500), abs=1e-6)  # on the vehicle's clock
     assert log.command.values[3] == pytest.approx([0.5, 0.25, -0.125])
     assert len(log.airborne) == 1
-    assert log.findings == ("motors: none in this log", "reference: none in this log")
+    assert log.findings == ("not in this log: motors, reference",)
 
 
 def test_read_log_of_telemetry_reads_parameters_and_landed_state(written: Write, station: Station) -> None:

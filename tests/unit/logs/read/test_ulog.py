@@ -37,7 +37,7 @@ def test_read_log_of_px4_maps_topics_to_signals(written: Write, px4_log: bytes) 
     assert log.parameters == pytest.approx({"MC_ROLLRATE_P": 0.2, "IMU_INTEG_RATE": 250.0})
     assert log.findings == (
         "parameters: changed in this log, the last value counts: MC_ROLLRATE_P",
-        "reference: none in this log",
+        "not in this log: reference",
     )
 
 
