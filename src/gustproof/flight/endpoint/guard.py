@@ -39,7 +39,7 @@ def main(words: Sequence[str]) -> int:
         signal.signal(signal.SIGQUIT, lambda *_: _signal_group(program, signal.SIGKILL))
         signal.signal(signal.SIGTERM, lambda *_: _end(program))
         exit_on_stdin_eof(lambda: os.kill(os.getpid(), signal.SIGTERM))
-        status = program.wait()
+        status = _wait(program)
         _signal_group(program, signal.SIGKILL)  # what it started and left
         ended = {"status": status, "message": f"'{words[0]}' {describe_exit(status)}{_last_line(said)}"}
         sys.stdout.write(f"{json.dumps(ended)}\n")
@@ -56,6 +56,20 @@ def _start(words: Sequence[str], address: str, said: IO[bytes]) -> "subprocess.P
         start_new_session=True,
         preexec_fn=die_with_parent,
     )
+
+
+def _wait(program: "subprocess.Popen[Any]") -> int:
+    """Return the status of a program when it has ended.
+
+    A signal just before `Popen.wait` would only be handled after it. So each signal writes to a pipe that is read.
+    """
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)  # it is ignored else, and writes nothing
+    while (status := program.poll()) is None:
+        os.read(told, 1)
+    return status
 
 
 def _end(program: "subprocess.Popen[Any]") -> None:
