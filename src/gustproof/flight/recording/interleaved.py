@@ -57,8 +57,8 @@ class _Storage(McapWriter):  # type: ignore[misc]
         while done < len(starts) - 1:
             chunk, begin = self.chunk, int(starts[done])
             shift = chunk.bio.tell() - begin
-            # up to the first record that ends beyond the limit
-            last = min(int(np.searchsorted(starts, MIB - shift, side="right")), len(starts) - 1)
+            # up to the first record that ends beyond the limit; one at least, as a new topic may have filled the chunk
+            last = min(max(int(np.searchsorted(starts, MIB - shift, side="right")), done + 1), len(starts) - 1)
             chunk.bio.write(content[begin : starts[last]])
             for first in range(done, min(done + width, last)):
                 offsets = starts[first:last:width] + shift

@@ -51,3 +51,26 @@ def test_nothing_is_written_of_no_rows_or_topics(tmp_path):
 
     write(tmp_path, BagWriter, nothing)
     assert list(messages(tmp_path / "bag" / "bag.mcap")) == [("/about", 7, b"before"), ("/about", 9, b"after")]
+
+
+def test_a_topic_that_fills_a_chunk_ends_it_after_one_message_more(tmp_path):
+    """A chunk of just under 1 MiB was full by a topic's definition: a bag of the paper's scenario was not written."""
+
+    def late(rows):
+        def write_all(writer, topics):
+            writer.write(topics[0], 8, bytes((1 << 20) - 2000))
+            topic = writer.add_connection("/late", "b/msg/B", msgdef="uint8 x\n" * 400, rihs01="0")
+            rows(writer, topic)
+
+        return write_all
+
+    def many(writer, topic):
+        writer.write_interleaved(np.arange(10) * 1000, [(topic, np.frombuffer(bytes(400), dtype="V40"))])
+
+    def one_by_one(writer, topic):
+        for i in range(10):
+            writer.write(topic, i * 1000, bytes(40))
+
+    (tmp_path / "many").mkdir()
+    (tmp_path / "one").mkdir()
+    assert write(tmp_path / "many", BagWriter, late(many)) == write(tmp_path / "one", Writer, late(one_by_one))
