@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.config.firmware import ardupilot_hover
+from firmware_model.config.firmware import LAW_GYRO_FILTER_HZ, ardupilot_hover
 from firmware_model.config.parameter_files import read_parameters, write_parameters
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -101,7 +101,7 @@ _WATCHED = (
 )
 """Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
 # A law inside is a custom controller: the third, after ArduPilot's empty one and its PID, for all axes.
-_LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": "80"}
+_LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": f"{LAW_GYRO_FILTER_HZ:g}"}
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
 
 

@@ -1,7 +1,7 @@
 """PX4 in a process of its own: its build, its parameters for the vehicle file, its ports.
 
-In lockstep two flights get the same bytes, and give the same ones back
-until PX4 arms. The thread that arms it does not wait for the sample, so that it may come a sample later.
+In lockstep two flights get the same bytes, and give the same ones back until PX4 arms. The thread that arms it does not
+wait for the sample, so that it may come a sample later.
 """
 
 import os
@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as wire
 
-from firmware_model.config.firmware import px4_parameters
+from firmware_model.config.firmware import LAW_GYRO_FILTER_HZ, px4_parameters
 from firmware_model.config.parameter_files import read_parameters, write_parameters
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
@@ -78,7 +78,7 @@ _SET, _OWN_LINKS = "param set {name} {value}", f". ${{R}}etc/init.d-posix/{_LINK
 _VARIABLE = "PX4_PARAM_"  # begins the variables that newer start scripts read in place of the file
 _START_SCRIPT = "etc/init.d-posix/rcS"
 _COMMENT = re.compile(r"(^|\s)#.*", re.MULTILINE)
-_LAW = {"IMU_GYRO_CUTOFF": "80"}  # behind its usual 40 Hz a law loses much of its margins; exported folders ask for it
+_LAW = {"IMU_GYRO_CUTOFF": f"{LAW_GYRO_FILTER_HZ:g}"}
 _AXES, _GAINS = ("ROLL", "PITCH", "YAW"), ("_P", "RATE_P", "RATE_I", "RATE_D")
 _WATCHED = (*(f"MC_{axis}{gain}" for axis in _AXES for gain in _GAINS), "IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
 """Loops' parameters that are reported as the build has them: their defaults differ from version to version."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from firmware_model.config.firmware import LAW_GYRO_FILTER_HZ
 from firmware_model.config.gyro_filters import butterworth
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.uncertainty import load_vehicle_set
@@ -21,7 +22,7 @@ from firmware_model.external.interface import scenario_for
 from firmware_model.external.versions import VERSIONS
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.design.autopilot_gains import AutopilotTuning, tune_gains
-from gustproof.design.inside import GYRO_FILTER_HZ, behind_filter, equal_gains, price_inside, price_loops
+from gustproof.design.inside import behind_filter, equal_gains, price_inside, price_loops
 from gustproof.errors import DesignError
 from gustproof.law.form import Law, load_law
 from gustproof.law.resample import resample
@@ -29,7 +30,7 @@ from gustproof.law.resample import resample
 SCENARIO, VEHICLES = load_scenario("paper-turbulence"), load_vehicle_set("paper")
 ROOT = Path(__file__).parents[2]
 README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-GYRO_FILTER, USUAL_FILTER = GYRO_FILTER_HZ, 40.0
+GYRO_FILTER, USUAL_FILTER = LAW_GYRO_FILTER_HZ, 40.0
 """[Hz] set for an exported law in both autopilots; PX4's own, which leaves the law less margin."""
 PEAKS = {("ardupilot", GYRO_FILTER): 1.4, ("px4", USUAL_FILTER): 1.68}
 """[-] sensitivity peaks that the flights' own loops were tuned to: those of the law inside, or a little more."""

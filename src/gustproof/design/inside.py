@@ -5,12 +5,13 @@ slew and the sensitivity peak that it then has. A comparison is fair with own lo
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from firmware_model.config.firmware import LAW_GYRO_FILTER_HZ
 from firmware_model.config.gyro_filters import butterworth
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
@@ -27,8 +28,6 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.law.resample import resample
 
-GYRO_FILTER_HZ = 80.0
-"""[Hz] corner of the gyro's filter that an exported law asks for."""
 _LEAST_PEAK = 1.4
 """[-] sensitivity peak that own loops may have however small that of the law: below it they lose much."""
 
@@ -61,7 +60,7 @@ def behind_filter(law: Law, cutoff: float) -> Law:
 
 
 def price_inside(
-    kind: str, law: Law, vehicle: Vehicle, scenario: Scenario, cutoff: float = GYRO_FILTER_HZ
+    kind: str, law: Law, vehicle: Vehicle, scenario: Scenario, cutoff: float = LAW_GYRO_FILTER_HZ
 ) -> PriceInside:
     """Return what a torque law spends inside `px4` or `ardupilot` in the scenario's turbulence.
 
@@ -116,13 +115,7 @@ def _price(kind: str, law: Law, vehicle: Vehicle, script: Scenario) -> PriceInsi
     return PriceInside(found.seen_rmse, math.hypot(found.slew, rounding), Ms)
 
 
-def equal_gains(
-    kind: str,
-    law: Law,
-    vehicles: VehicleSet,
-    scenario: Scenario,
-    progress: Callable[[float, str], None] = lambda _share, _text: None,
-) -> tuple[PriceInside, AutopilotTuning]:
+def equal_gains(kind: str, law: Law, vehicles: VehicleSet, scenario: Scenario) -> tuple[PriceInside, AutopilotTuning]:
     """Return what a law spends inside an autopilot, and the best gains of the autopilot's own loops at that price.
 
     The gains may leave the ranges that the autopilot documents, see `AutopilotTuning.outside_ranges`.
@@ -142,6 +135,5 @@ def equal_gains(
         slew=price.slew,
         sensitivity_peak=max(price.Ms, _LEAST_PEAK),
         in_ranges=False,
-        progress=progress,
     )
     return price, tuning

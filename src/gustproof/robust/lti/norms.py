@@ -120,9 +120,7 @@ def _eigensystem(A: Matrix) -> tuple[ComplexMatrix, ComplexMatrix]:
     """Return the eigenvalues (n,) and eigenvectors (n, n) of a small real matrix."""
     values, packed = _decompose(A, with_vectors=True)
     vectors = packed.astype(np.complex128)
-    (first,) = np.nonzero(
-        values.imag > 0.0
-    )  # of each conjugate pair, whose real and imaginary parts stand side by side
+    (first,) = np.nonzero(values.imag > 0.0)  # its real and imaginary part stand side by side
     vectors[:, first] += 1j * packed[:, first + 1]
     vectors[:, first + 1] = vectors[:, first].conj()
     return values, vectors

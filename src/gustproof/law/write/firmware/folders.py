@@ -12,6 +12,7 @@ from string import Template
 import numpy as np
 
 from firmware_model.config.firmware import (
+    LAW_GYRO_FILTER_HZ,
     ardupilot_full_torque,
     ardupilot_parameters,
     check_measured,
@@ -150,7 +151,7 @@ def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str
         "hold": str(_POSITION if law.takes_references else _LEVEL_AND_HEIGHT),
     }
     frame = {} if measured else px4_parameters(vehicle)
-    parameters = frame | {"IMU_GYRO_RATEMAX": str(rate), "IMU_GYRO_CUTOFF": "80"}
+    parameters = frame | {"IMU_GYRO_RATEMAX": str(rate), "IMU_GYRO_CUTOFF": f"{LAW_GYRO_FILTER_HZ:g}"}
     module = "src/modules/gustproof"
     return {
         "README.md": _fill("px4/README.md", words),
@@ -172,7 +173,12 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
         frame, full = ardupilot_parameters(vehicle), ardupilot_full_torque(vehicle)
     words |= _torques(full) | {"scale": _MEASURED_SCALE if measured else _ARDUPILOT_SCALE}
     words["tried"] = describe_tried("ardupilot")
-    own = {"SCHED_LOOP_RATE": str(rate), "INS_GYRO_FILTER": "80", "CC_TYPE": "3", "CC_AXIS_MASK": "7"}
+    own = {
+        "SCHED_LOOP_RATE": str(rate),
+        "INS_GYRO_FILTER": f"{LAW_GYRO_FILTER_HZ:g}",
+        "CC_TYPE": "3",
+        "CC_AXIS_MASK": "7",
+    }
     parameters = frame | own | {"RC6_OPTION": "109"}
     library = "libraries/AC_CustomControl"
     sources = ("AC_CustomControl_Gustproof.h", "AC_CustomControl_Gustproof.cpp")
