@@ -26,21 +26,22 @@ from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
 from gustproof.prove.boundedness import certify_boundedness
 from gustproof.show.report.figure_style import save_figure
-from gustproof.show.report.figures import save_histories
+from gustproof.show.report.figures import law_colours, save_histories
 from gustproof.show.report.laid_out import LaidOutFigure
 from gustproof.types import Array, Records
 
 WORST_MOMENT = Path(str(files("gustproof.guide"))) / "pictures" / "worst-moment.toml"
 """Scenario that `gustproof worst-case hinf-d1 -o worst-moment.toml` found in 60 s, with a duration of 120 s."""
-_PAPER, _OURS = "hinf-d1", "flagship"
+_PAPER, _OURS, _FAIR = "hinf-d1", "flagship", "pid-fair"
 _NAMES = {_PAPER: "the paper's law (hinf-d1)", _OURS: "ours (flagship)"}
-_COLOURS = {_PAPER: "#0072b2", _OURS: "#882255"}
+_COLOURS = law_colours((_PAPER, _OURS, _FAIR))
+_OWN_LOOPS = "#888888"  # of an autopilot, which are no law
 PICTURES = ("turned-over", "gust", "gust-roll", "log", "tuned", "box", "cases", "autopilots", "coning")
 """Names of the pictures, in the order in which they are drawn."""
 OWN_AND_INSIDE = r"^\| (PX4|ArduPilot), (own loops|`flagship` inside)[^|]* \| (\.\d+) \| (\.\d+) \| ([\d.]+) \|"
 """Rows of `autopilots.md` at equal slew and margins: autopilot, loops, both errors [deg] and slew [N*m/s]."""
 _AXIS_COLOURS = ("#0072b2", "#d55e00", "#009e73")
-_FAIR, _PEAK_MS, _SLEWS = "pid-fair", 1.36, (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # [N*m/s]
+_PEAK_MS, _SLEWS = 1.36, (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # [N*m/s]
 _PEAK_DEG, _BUDGET_NM, _MINUTE_S, _CASES = 1.0, (0.65, 0.65, 0.3), 60.0, 40
 _TINTS, _LABEL_S = 32, 96.0
 _LINE, _INK, _DISK = 1.4, "#333333", 0.165  # _DISK [m] radius of a drawn rotor
@@ -73,7 +74,7 @@ def draw_pictures(folder: Path) -> list[Path]:
 def _shrink(file: Path) -> None:
     """Store a picture with few colours, a third of the bytes."""
     with Image.open(file) as picture:
-        small = picture.convert("RGB").quantize(_TINTS)
+        small = picture.convert("RGB").quantize(_TINTS, Image.Quantize.FASTOCTREE)
     drawn = BytesIO()
     small.save(drawn, format="png", optimize=True)
     with whole_file(file, overwrite=True) as shrunk:
@@ -153,10 +154,10 @@ def _draw_tuning(vehicle: Vehicle, path: Path) -> None:
     points = [linear.minimize_error(_PEAK_MS, slew) for slew in _SLEWS]
     errors = [np.degrees(point.rmse) for point in points]
     axes.plot(_SLEWS, errors, color=_INK, marker=".", label=f"least possible at Ms {_PEAK_MS:g}")
-    for law, colour in ((_FAIR, _COLOURS[_PAPER]), (_OURS, _COLOURS[_OURS])):
+    for law in (_FAIR, _OURS):
         found = predict(load_law(law), vehicle, scenario)
         if found is not None:
-            axes.plot(found.slew, np.degrees(found.rmse), "o", color=colour, label=law)
+            axes.plot(found.slew, np.degrees(found.rmse), "o", color=_COLOURS[law], label=law)
     axes.set(xlabel="torque slew [N m/s]", ylabel="RMSE, three axes [deg]", xlim=(0.0, None), ylim=(0.06, None))
     axes.legend(frameon=False)
     save_figure(figure, path)
@@ -181,12 +182,12 @@ def _draw_cases(vehicle: Vehicle, path: Path) -> None:
     scenario, law_of = load_scenario("gust-roll"), {name: load_law(name) for name in (_FAIR, _OURS)}
     scales = np.linspace(0.5, 1.5, _CASES)
     figure, (axes,) = _new_panels(1)
-    for name, colour in ((_FAIR, _COLOURS[_PAPER]), (_OURS, _COLOURS[_OURS])):
+    for name in (_FAIR, _OURS):
         peaks = [
             tilt_deg(fly_direct(replace(scenario, gust_scale=scale), law_of[name], vehicle=vehicle, seed=seed)).max()
             for seed, scale in enumerate(scales.tolist(), 1)
         ]
-        axes.plot(scales, peaks, "o", markersize=4.0, color=colour, label=name)
+        axes.plot(scales, peaks, "o", markersize=4.0, color=_COLOURS[name], label=name)
     axes.set(xlabel="strength of the gust [-]", ylabel="largest tilt [deg]", ylim=(0.0, None))
     axes.legend(frameon=False)
     save_figure(figure, path)
@@ -198,10 +199,13 @@ def _draw_autopilots(path: Path) -> None:
     rows = re.findall(OWN_AND_INSIDE, text, re.M)
     figure, panels = _new_panels(2, sharey=True)
     labels = [f"{name}, {which.replace('`', '')}" for name, which, *_ in rows]
-    for axes, column, name in ((panels[0], 2, "RMSE [deg]"), (panels[1], 4, "torque slew [N m/s]")):
+    for axes, column, name, digits in (
+        (panels[0], 2, "RMSE [deg]", "%.3f"),
+        (panels[1], 4, "torque slew [N m/s]", "%.1f"),
+    ):
         values = [float(row[column]) for row in rows]
-        bars = axes.barh(labels, values, color=[_COLOURS[_OURS if "inside" in row[1] else _PAPER] for row in rows])
-        axes.bar_label(bars, padding=3, fontsize=9)
+        bars = axes.barh(labels, values, color=[_COLOURS[_OURS] if "inside" in row[1] else _OWN_LOOPS for row in rows])
+        axes.bar_label(bars, fmt=digits, padding=3, fontsize=9)
         axes.set_xlabel(name)
         axes.margins(x=0.12)
     panels[0].invert_yaxis()

@@ -316,7 +316,7 @@ def draw_distributions(campaign: str, values: Mapping[str, Mapping[str, Array]])
     """Draw, in a panel for each figure [its unit], the share of the cases at or below a value, for each law."""
     figure = _new_figure((5.0 * len(values), 3.6), campaign)
     for axes, (label, laws) in zip(panels(figure, 1, len(values)), values.items(), strict=True):
-        colours = _colours(laws)
+        colours = law_colours(laws)
         for law, cases in laws.items():
             known = np.sort(cases[np.isfinite(cases)])
             shares = 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1)
@@ -445,7 +445,7 @@ def _draw_stacked(
         _draw_column(rows[1::2], {law: flights[law] for law in least}, curves, labels, is_rms=False)
         rows[1].set_title(f"the {len(least)} of least rms, as flown", fontsize=font_size(10), color=_INK)
     if any(flights):
-        lines = [Line2D([], [], color=colour, linewidth=2.0) for colour in _colours(flights).values()]
+        lines = [Line2D([], [], color=colour, linewidth=2.0) for colour in law_colours(flights).values()]
         figure.legend(lines, list(flights), loc="outside lower center", ncols=legend_columns(), frameon=False)
     return figure
 
@@ -453,7 +453,7 @@ def _draw_stacked(
 def _draw_column(
     rows: Sequence[Axes], flights: Flights, curves: Mapping[str, Array], labels: tuple[str, ...], *, is_rms: bool
 ) -> None:
-    colours = _colours(flights)
+    colours = law_colours(flights)
     # The most agitated curve is drawn first, as it would hide the others.
     for law in sorted(flights, key=lambda law: -float(np.sum(np.abs(np.diff(curves[law], axis=0))))):
         time, values = _time(flights[law]), curves[law]
@@ -521,7 +521,7 @@ def _colour(law: str) -> str:
     return _COLOURS.get(law, _DEFAULT_COLOUR if law else _CURVES[0])
 
 
-def _colours(laws: Iterable[str]) -> dict[str, str]:
+def law_colours(laws: Iterable[str]) -> dict[str, str]:
     """Return the colour of each law in one figure: laws of the user's own get those that no other has."""
     names = list(laws)
     found = {law: _COLOURS[law] for law in names if law in _COLOURS}

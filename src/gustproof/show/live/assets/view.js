@@ -25,7 +25,7 @@ globalThis.gustproof = { tracks, choice, facts, shown, play, get rows() { return
 const CHARTS = [
   { title: "attitude [deg]", series: "angles", names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
   { title: "rates [deg/s]", series: "rates", names: ["roll", "pitch", "yaw"], least: 2 },
-  { title: "commanded torque [N·m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05 },
+  { title: "commanded torque [N m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05 },
   { title: "wind velocity at the vehicle [m/s]", series: "wind", names: ["north", "east", "down"], least: 0.5 },
   { title: "delay from gyro to torque [ms]", series: "age", names: ["of the torque in effect"], least: 8, positive: true },
 ].map((chart) => {
