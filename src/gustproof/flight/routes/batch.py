@@ -1,8 +1,9 @@
 """Many flights of one scenario with other vehicles, seeds, gusts and initial attitudes, each judged as it flies."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import SkipValidation
@@ -16,7 +17,8 @@ from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, VehicleInitial, initial_vehicle_state, noise_mix
+from firmware_model.sim.state import Array, CommonStart, common_start, noise_mix
+from firmware_model.types import Vector
 from gustproof.flight.controllers.library import Library, load_library
 from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.routes.direct import check_compatible
@@ -69,22 +71,6 @@ class Case:
         spare = width - len(mix)
         return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (spare, 1))]) if spare else mix
 
-    def make_initial(self, scenario: Scenario, mix: Array, like: VehicleInitial | None = None) -> VehicleInitial:
-        """Return the vehicle's initial state in the varied scenario, without the cost of making that.
-
-        `like` is that of a case with the same vehicle and gust scale, see `initial_vehicle_state`.
-        """
-        scale = self.gust_scale * scenario.gust_scale
-        return initial_vehicle_state(
-            self.vehicle,
-            scenario,
-            self.seed,
-            gust_scale=scale,
-            attitude_deg=self.initial_attitude_deg,
-            mix=mix,
-            like=like,
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaseResult:
@@ -136,10 +122,11 @@ def make_batch_simulator(
         # a batch has one count of rotors, and draws as many numbers for each flight as for that of most turns
         order = sorted(range(len(cases)), key=lambda i: (cases[i].vehicle.rotors.count, len(cases[i].turns)))
         results: dict[int, CaseResult] = {}
+        known: dict[tuple[int, float], _Common] = {}  # while `cases` keep their vehicles alive: it tells them by id
         for _, group in groupby(order, key=lambda i: cases[i].vehicle.rotors.count):
             numbers = list(group)
             for part in (numbers[i : i + LANES] for i in range(0, len(numbers), LANES)):
-                results |= zip(part, _fly_batch(scenario, law, shared, [cases[i] for i in part]), strict=True)
+                results |= zip(part, _fly_batch(scenario, law, shared, [cases[i] for i in part], known), strict=True)
         return [results[i] for i in range(len(cases))]
 
     check_compatible(scenario, law)
@@ -169,30 +156,49 @@ def _without_padding(law: SparseLaw) -> SparseLaw:
     return law._replace(ends=np.append(0, np.cumsum(counts))[law.ends], terms=law.terms[counts])
 
 
-def _fly_batch(scenario: Scenario, law: Law | Library, shared: BatchSetup, cases: Sequence[Case]) -> list[CaseResult]:
-    """Fly up to `LANES` cases; empty lanes repeat the last."""
+class _Common(NamedTuple):
+    """What the cases of one vehicle and gust scale have in common."""
+
+    start: CommonStart
+    """Before seeds and attitudes."""
+    limit: Vector
+    """[N*m] B, published limit of the torque."""
+    hover: float
+    """[-] published hover thrust."""
+
+
+def _fly_batch(
+    scenario: Scenario,
+    law: Law | Library,
+    shared: BatchSetup,
+    cases: Sequence[Case],
+    known: dict[tuple[int, float], _Common],
+) -> list[CaseResult]:
+    """Fly up to `LANES` cases; empty lanes repeat the last. `known` is filled, see `_find_common`."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     mixes = _make_mixes(scenario, filled)
-    params, states, changes = zip(*_make_initial(scenario, filled, mixes), strict=True)
-    mix = np.stack(mixes, axis=2)
-    vehicles, torque = [case.vehicle for case in filled], law.output is Output.TORQUE
+    common = [_find_common(scenario, case, known) for case in filled]
+    states = [
+        each.start.draw(mix, case.initial_attitude_deg) for each, mix, case in zip(common, mixes, filled, strict=True)
+    ]
+    mix, torque = np.moveaxis(np.array(mixes), 0, 2), law.output is Output.TORQUE
     batch = Batch(
-        params=_stack_lanes(params), state=_stack_lanes(states), changes=_merge_changes(changes),
+        params=_stack_lanes([each.start.initial.params for each in common]), state=_stack_lanes(states),
+        changes=_merge_changes([each.start.initial.changes for each in common]),
         seeds=mix[:, 0].astype(np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
-        scale=_stack_lanes([published_limit(each) for each in vehicles]) if torque else np.ones(3 * LANES),
-        thrust=np.array([np.nan if torque else published_hover(each) for each in vehicles]),
-        torque_limit=_stack_lanes([each.torque_limit for each in vehicles]),
+        scale=_stack_lanes([each.limit for each in common]) if torque else np.ones(3 * LANES),
+        thrust=np.array([np.nan if torque else each.hover for each in common]),
+        torque_limit=_stack_lanes([case.vehicle.torque_limit for case in filled]),
         readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = _find_kernel(scenario)
     fly(shared, batch)
-    columns = batch.tallies.T.tolist()
+    samples, dt = scenario.samples, scenario.dt
     return [
-        CaseResult(
-            metrics=metrics_from_tally(Tally._make(columns[w]), scenario.samples, scenario.dt, 0.0),
-            requirements=results_from_readings(scenario, batch.readings[:, :, w], scenario.samples),
+        CaseResult(metrics=metrics_from_tally(Tally._make(tally), samples, dt, 0.0), requirements=requirements)
+        for _, tally, requirements in zip(
+            cases, batch.tallies.T.tolist(), results_from_readings(scenario, batch.readings, samples), strict=False
         )
-        for w in range(len(cases))
     ]
 
 
@@ -202,20 +208,19 @@ def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> list[Array]:
     return [case.make_mix(scenario, width) for case in cases]
 
 
-def _make_initial(scenario: Scenario, cases: Sequence[Case], mixes: Sequence[Array]) -> Iterator[VehicleInitial]:
-    """Yield the initial state of each case."""
-    made: dict[tuple[int, float], VehicleInitial] = {}
-    for case, mix in zip(cases, mixes, strict=True):
-        kind = id(case.vehicle), case.gust_scale
-        initial = case.make_initial(scenario, mix, made.get(kind))
-        made.setdefault(kind, initial)
-        yield initial
+def _find_common(scenario: Scenario, case: Case, known: dict[tuple[int, float], _Common]) -> _Common:
+    """Return what a case has in common with those of its vehicle and gust scale, from `known` or added to it."""
+    kind = id(case.vehicle), case.gust_scale
+    if kind not in known:
+        start = common_start(case.vehicle, scenario, gust_scale=case.gust_scale * scenario.gust_scale)
+        known[kind] = _Common(start, published_limit(case.vehicle), published_hover(case.vehicle))
+    return known[kind]
 
 
 def _stack_lanes(rows: Sequence[Sequence[float] | Array]) -> Array:
     """Return the numbers of all flights as a flat array with a column for each flight."""
     block = aligned_zeros(len(rows) * len(rows[0]))
-    np.stack(rows, axis=1, out=block.reshape(-1, len(rows)))
+    block.reshape(-1, len(rows))[:] = np.array(rows).T
     return block
 
 

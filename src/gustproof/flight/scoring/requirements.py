@@ -1,6 +1,7 @@
 """Results of a flight's requirements, with their margins."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,7 +147,8 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
         reference = references(scenario, done, done + len(block))
         _read(as_rows(block), done, stated, limit, reference, scenario.dt, tally, readings)
         done += len(block)
-    return results_from_readings(scenario, readings[:, :, 0], len(records))
+    (results,) = results_from_readings(scenario, readings, len(records))
+    return results
 
 
 def rules(scenario: Scenario) -> Array:
@@ -167,13 +169,19 @@ def initial_readings(scenario: Scenario, width: int) -> Array:
     return np.tile(reading, (len(scenario.require), 1, width))
 
 
-def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> tuple[RequirementResult, ...]:
-    """Return the result of each requirement after `samples` samples, from the readings (n, READING_SIZE)."""
-    results = []
-    for requirement, reading in zip(scenario.require, readings.tolist(), strict=True):
-        value, judged = _value(scenario, requirement, reading, samples), scenario.window(requirement)[1] <= samples
-        results.append(RequirementResult(requirement=requirement, value=value, judged=judged))
-    return tuple(results)
+def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> Iterator[tuple[RequirementResult, ...]]:
+    """Yield the results of each flight after `samples` samples, from the readings (n, READING_SIZE, width)."""
+    windows = [scenario.window(requirement) for requirement in scenario.require]
+    stated, dt = list(zip(scenario.require, windows, strict=True)), scenario.dt
+    for flight in np.moveaxis(readings, 2, 0).tolist():
+        yield tuple(
+            RequirementResult(
+                requirement=requirement,
+                value=_value(requirement, window, reading, dt) if window[1] <= samples else math.nan,
+                judged=window[1] <= samples,
+            )
+            for (requirement, window), reading in zip(stated, flight, strict=True)
+        )
 
 
 def verdict(result: RequirementResult) -> tuple[str, str]:
@@ -197,12 +205,10 @@ def _axes(requirement: Requirement) -> tuple[int, int]:
     return (0, 3) if axis is None else (axis, axis + 1)
 
 
-def _value(scenario: Scenario, requirement: Requirement, reading: list[float], samples: int) -> float:
-    """Return the measured value [unit of the metric]; NaN if the window was not flown to its end."""
-    (begin, end), (low, high) = scenario.window(requirement), _axes(requirement)
+def _value(requirement: Requirement, window: tuple[int, int], reading: list[float], dt: float) -> float:
+    """Return the measured value [unit of the metric] of a `window` [samples] that was flown to its end."""
+    (begin, end), (low, high) = window, _axes(requirement)
     value, first, last = reading[0], reading[_FIRST], reading[_LAST]
-    if end > samples:
-        return math.nan
     match requirement.metric:
         case Metric.RMSE | Metric.TORQUE_RMS:
             return math.sqrt(value / ((end - begin) * (high - low)))
@@ -213,13 +219,13 @@ def _value(scenario: Scenario, requirement: Requirement, reading: list[float], s
         case Metric.SETTLING | Metric.RECOVERY if last == end - 1:
             return math.inf
         case Metric.SETTLING:
-            return (last + 1.0 - begin) * scenario.dt
+            return (last + 1.0 - begin) * dt
         case Metric.RECOVERY:
-            return (last + 1.0 - first) * scenario.dt
+            return (last + 1.0 - first) * dt
         case Metric.OVERSHOOT:
             return 100.0 * value
         case Metric.SATURATED:
-            return value * scenario.dt
+            return value * dt
     return value
 
 
