@@ -156,7 +156,7 @@ def initial_vehicle_state(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CommonStart:
-    """What the flights of one vehicle in one scenario begin with; seeds and attitudes add the rest.
+    """Common start of the flights of one vehicle in one scenario; seeds and attitudes add the rest.
 
     To make it takes ten times as long as to draw a state with it.
     """

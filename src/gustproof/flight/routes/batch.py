@@ -157,7 +157,7 @@ def _without_padding(law: SparseLaw) -> SparseLaw:
 
 
 class _Common(NamedTuple):
-    """What the cases of one vehicle and gust scale have in common."""
+    """Common data of the cases of one vehicle and gust scale."""
 
     start: CommonStart
     """Before seeds and attitudes."""
