@@ -34,7 +34,7 @@ from gustproof.checker.flight_box import (
 from gustproof.checker.kernel_norms import LONGEST
 from gustproof.checker.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import Law, law_path, load_law
-from gustproof.robust.shown import Shown
+from gustproof.robust.shown import Shown, shorten_statement
 
 _ROUNDS = 400
 """Most rounds of growth; a box that has not settled by then counts as open."""
@@ -104,7 +104,7 @@ class FlightCertificate(Shown):
 
     def lines(self) -> list[str]:
         """Return the verdict and the claim, whose bounds are rounded up."""
-        return [self.verdict, f"claim: {self.statement}"]
+        return [self.verdict, f"claim: {shorten_statement(self.statement)}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as JSON values: evidence and checksum, no claim."""

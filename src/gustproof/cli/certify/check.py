@@ -192,15 +192,16 @@ def _weigh(verdict: "CheckResult", reached: float) -> "CheckResult":
 def _show_verdict(verdict: "CheckResult", *, as_json: bool) -> None:
     from gustproof.checker.directed_rounding import print_down
     from gustproof.checker.flight_box import PROVEN, name_verdict
+    from gustproof.robust.shown import shorten_statement
 
     named = name_verdict(verdict.figures, verdict.assumes) if verdict.accepted else "refused"
     if as_json:
         made = {"assumes": verdict.assumes} if verdict.accepted else {}
         print_json({"proven": named == PROVEN, "reason": verdict.reason, **verdict.figures, **made})
     elif verdict.accepted:
-        say(f"{named}: {verdict.reason}")
+        say(f"{named}: {shorten_statement(verdict.reason)}")
         if "lower_bound" in verdict.figures:
             print(f"a simulation of the derived loop reached {print_down(verdict.figures['lower_bound'], 4)}")
         show_assumptions(verdict.assumes)
     else:
-        say(f"{named}: {verdict.reason}")
+        say(f"{named}: {shorten_statement(verdict.reason)}")

@@ -77,6 +77,7 @@ def show_certificate(
 ) -> None:
     """Print verdict, bounds and assumptions of a certificate, and where it is."""
     from gustproof.prove.boundedness import FlightCertificate
+    from gustproof.robust.shown import shorten_statement
 
     if as_json:
         figures: dict[str, Any] = {"proven": certificate.is_whole, "vehicle": vehicle}
@@ -95,7 +96,8 @@ def show_certificate(
     if isinstance(certificate, FlightCertificate):
         _show_flight(f"{name} on {vehicle}", certificate)
     else:
-        say(f"{name} on {vehicle}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.statement}")
+        claim = shorten_statement(certificate.statement)
+        say(f"{name} on {vehicle}: {'proven' if certificate.proven else 'NOT proven'}: {claim}")
         print(_describe_lower_bound(certificate))
     show_assumptions({"vehicle": vehicle, **certificate.assumes})
     if output is not None:
@@ -109,9 +111,10 @@ def show_certificate(
 def _show_flight(subject: str, certificate: "FlightCertificate") -> None:
     """Print the verdict on a flight, its bounds a line each, and the judge's sentence."""
     from gustproof.checker.directed_rounding import list_up, print_down
+    from gustproof.robust.shown import shorten_statement
 
     if not certificate.proven:
-        say(f"{subject}: {certificate.verdict}: {certificate.statement}")
+        say(f"{subject}: {certificate.verdict}: {shorten_statement(certificate.statement)}")
         return
     say(f"{subject}: {certificate.verdict}")
     horizon = certificate.assumes["horizon_s"]
@@ -123,7 +126,7 @@ def _show_flight(subject: str, certificate: "FlightCertificate") -> None:
         say(f"  {true:30} <= {list_up(truth)} deg")
     say(f"  {'attitude by the law, ' + own:30} <= {list_up(certificate.estimate_deg or [])} deg")
     say(f"  {'torque':30} <= {list_up(certificate.torque_nm or [])} N m")
-    say(f"in words: {certificate.statement}")
+    say(f"in words: {shorten_statement(certificate.statement)}")
 
 
 def _describe_lower_bound(certificate: "Certificate") -> str:

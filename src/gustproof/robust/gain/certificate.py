@@ -8,7 +8,7 @@ from typing import Any
 
 from firmware_model.config.files import write_text
 from gustproof.checker.evidence import FORMAT, seal
-from gustproof.robust.shown import Shown
+from gustproof.robust.shown import Shown, shorten_statement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -46,7 +46,7 @@ class Certificate(Shown):
 
     def lines(self) -> list[str]:
         """Return the verdict and the claim."""
-        return ["proven" if self.proven else "NOT proven", f"claim: {self.statement}"]
+        return ["proven" if self.proven else "NOT proven", f"claim: {shorten_statement(self.statement)}"]
 
     @property
     def is_whole(self) -> bool:

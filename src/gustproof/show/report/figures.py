@@ -78,7 +78,7 @@ HISTORIES: dict[str, tuple[str, tuple[str, ...], Callable[[Records], Array]]] = 
 def save_moments(records: Records, path: Path) -> None:
     """Draw the disturbance moments of one flight."""
     labels = tuple(f"{axis} moment [N m]" for axis in AXES)
-    save_figure(_draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance moments"), path)
+    save_figure(_draw_stacked({"": records}, lambda r: r["moment_B"], labels, "Disturbance torques"), path)
 
 
 def save_histories(kind: str, flights: Flights, title: str, path: Path) -> None:

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from firmware_model.types import AXES
 from gustproof.robust.lti.margins import LoopMargins
+from gustproof.robust.shown import shorten_statement
 from gustproof.show.report.laws import format_margin
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.rate.improvement import Improvement, describe_end, least_margins
@@ -78,12 +79,13 @@ def iter_evidence(found: Judgement) -> Iterator[tuple[str, str]]:
     if found.proof is None:
         yield "proof", f"none: {found.proof_note}"
     elif found.proof.proven:
+        claim = shorten_statement(found.proof.statement)
         if found.proof.is_whole:
-            yield "proved", found.proof.statement
+            yield "proved", claim
         else:
-            yield "proved in part", f"{found.proof.verdict}: {found.proof.statement}"
+            yield "proved in part", f"{found.proof.verdict}: {claim}"
     else:
-        yield "not proved", found.proof.statement
+        yield "not proved", shorten_statement(found.proof.statement)
     if found.failure is not None:
         yield "where it fails", found.failure.describe()
 

@@ -1,6 +1,7 @@
 """Laws, designs and the limits of both as tables and text, and the figure of a design's singular values."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -157,5 +158,6 @@ def format_margin(value: float | None) -> str:
 
 
 def format_poles(poles: Iterable[tuple[float, float]]) -> str:
-    """Return poles as text, one of each conjugate pair."""
-    return ", ".join(f"{re:.4g}" if im == 0.0 else f"{re:.4g} ± {im:.4g}j" for re, im in poles if im >= 0.0)
+    """Return poles as text, one of each conjugate pair; how often one of several equal ones is there."""
+    texts = Counter(f"{re:.3g}" if im == 0.0 else f"{re:.3g} ± {im:.3g}j" for re, im in poles if im >= 0.0)
+    return ", ".join(f"{text} ({count} times)" if count > 1 else text for text, count in texts.items())

@@ -239,7 +239,7 @@ def test_colours_of_two_laws_are_never_of_one_hue():
 
 
 def test_laws_of_the_user_take_no_shipped_law_s_colour():
-    found = figures._colours(["mine", "flagship", "other"])
+    found = figures.law_colours(["mine", "flagship", "other"])
     assert list(found) == ["mine", "flagship", "other"]
     assert len(set(found.values())) == 3
     assert found["flagship"] == figures._COLOURS["flagship"]

@@ -59,7 +59,7 @@ function axisOf(label, k, side) {
 function optionsOf(chart, width, height, k = 1) {
   const [distrX, distrY] = { time: [1, 1], linear: [1, 1], frequency: [3, 3], semilog: [3, 1], decibel: [3, 1], plane: [4, 4] }[chart.kind];
   const valuesOf = (distr) => (_, splits) => (distr === 1 ? splits.map(plain) : decades(splits));
-  const range = rangesOf(chart), splitsOf = (distr) => distr === 3 && { splits: (_, __, low, high) => lines(low, high) };
+  const range = rangesOf(chart), splitsOf = (distr) => distr > 1 && { splits: (_, __, low, high) => (distr === 3 ? lines : linesAboutZero)(low, high) };
   return {
     width, height, padding: [8 * k, (isPhone.matches ? 9 : 16) * k, 0, 0],
     scales: { x: { time: false, distr: distrX, asinh: 0.1, ...range.x }, y: { distr: distrY, asinh: 0.1, ...range.y } },
@@ -142,7 +142,8 @@ function drawBehind(plot, chart, k) {
   ink.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ink.clip();
   ink.font = `${10 * ratio}px system-ui, sans-serif`;
-  if (chart.kind === "time") charts.bands.forEach((band, i) => drawBand(plot, ink, band, i, ratio));
+  const names = [];
+  if (chart.kind === "time") charts.bands.forEach((band, i) => drawBand(plot, ink, band, i, ratio, names));
   const named = new Set(), taken = [];
   for (const mark of chart.marks ?? []) {
     drawMark(plot, ink, mark, ratio, named.has(`${mark.label}${mark.x}${mark.colour}`) ? null : taken);
@@ -151,7 +152,7 @@ function drawBehind(plot, chart, k) {
   ink.restore();
 }
 
-function drawBand(plot, ink, band, i, ratio) {
+function drawBand(plot, ink, band, i, ratio, names) {
   const { top, height } = plot.bbox, colour = themed(BAND_COLOURS[band.kind]);
   const [left, right] = [band.from, band.to].map((time) => plot.valToPos(time, "x", true));
   ink.fillStyle = ink.strokeStyle = colour;
@@ -168,7 +169,9 @@ function drawBand(plot, ink, band, i, ratio) {
   ink.fillStyle = themed("--muted");
   ink.textAlign = "left";
   ink.textBaseline = "top";
-  if (charts.bands.length < 27) ink.fillText(bandName(i), left + 3 * ratio, top + 2 * ratio);
+  if (charts.bands.length >= 27) return;
+  const [x, y] = freePlace(names, [left + 3 * ratio, top + 2 * ratio], ink.measureText(bandName(i)).width, 11 * ratio, 1);
+  if (y < top + height / 3) ink.fillText(bandName(i), x, y);  // where many begin at once, the list has them all
 }
 
 function drawMark(plot, ink, mark, ratio, taken) {
@@ -192,7 +195,10 @@ function drawMark(plot, ink, mark, ratio, taken) {
   ink.textAlign = "left";
   ink.textBaseline = "top";
   const wide = ink.measureText(mark.label).width, line = 11 * ratio, low = y > top + height / 2;
-  if (from === to && !upward) return ink.fillText(mark.label, ...freePlace(taken, [from + 6 * ratio, y - line], wide, line, -1));
+  if (from === to && !upward) {
+    const beside = from + 6 * ratio + wide < left + width ? from + 6 * ratio : from - 6 * ratio - wide;
+    return ink.fillText(mark.label, ...freePlace(taken, [beside, y - line], wide, line, -1));
+  }
   const at = upward ? [from + 3 * ratio, top + 2 * ratio] : [Math.min(to, left + width) - 4 * ratio - wide, y + (low ? -line : 2 * ratio)];
   ink.fillText(mark.label, ...freePlace(taken, at, wide, line, !upward && low ? -1 : 1));
 }
@@ -224,9 +230,12 @@ function listBands(list) {
     const item = list.appendChild(document.createElement("li"));
     item.style.setProperty("--chip", `var(${BAND_COLOURS[kind]})`);
     const times = count > 1 ? `, ${count} times` : "";
-    item.textContent = `${lettered && bandName(i) !== kind ? `${BAND_LETTERS[i]}: ` : ""}${text}${times}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
+    item.textContent = `${lettered && bandName(i) !== kind ? `${BAND_LETTERS[i]}: ` : ""}${rounded(text)}${times}, ${plain(from)}${to > from ? ` to ${plain(to)}` : ""} s`;
   });
 }
+
+// Numbers of an event in three digits, without a zero's sign.
+function rounded(text) { return text.replace(/(^|[\s,(])-?\d+(\.\d+)?(?![\w.])/g, (found) => found.replace(/-?\d.*/, (value) => plain(Number(Number(value).toPrecision(3))))); }
 
 // The one legend of the page: the flights, and what is common to them. A press hides or shows a curve in all charts.
 function showLegend(flights) {
@@ -260,10 +269,11 @@ function keyOf(curve) {
   return key;
 }
 
-// Names of curves that are no flights stand once for their group.
+// Names of curves that are no flights stand once for their group; the title of a chart names its only curve.
 function groupLegend(article, group) {
   const own = new Map();
   for (const chart of group.charts) {
+    if (chart.curves.length === 1 && chart.curves[0].label === chart.title) continue;
     for (const curve of chart.curves) if (!charts.flights.has(curve.label) && !COMMON.test(curve.label)) own.set(curve.label, curve);
   }
   if (!own.size) return;
@@ -275,25 +285,35 @@ function groupLegend(article, group) {
   }
 }
 
-// Grid of a logarithmic axis: 1 to 9 times each power of ten. uPlot's own loops for ever on a range just below a power.
+// Grid of a logarithmic axis: powers of ten, and 2 to 9 times each if powers are few: many lines would hide the curves.
+// uPlot's own loops for ever on a range just below a power.
 function lines(low, high) {
   const found = [];
   for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
     for (let digit = 1; digit < 10; digit++) found.push(Number(`${digit}e${power}`));
   }
-  return found.filter((value) => value >= low && value <= high);
+  const inside = found.filter((value) => value >= low && value <= high), powers = inside.filter(isPower);
+  return powers.length > (isPhone.matches ? 1 : 3) ? powers : inside;
 }
+
+// Grid of an axis that is logarithmic away from 0: zero, and powers of ten from .1 on; from 1 on where room is scarce.
+function linesAboutZero(low, high) {
+  const found = [0];
+  for (let power = isPhone.matches ? 0 : -1; 10 ** power <= Math.max(-low, high); power++) found.push(10 ** power, -(10 ** power));
+  return found.filter((value) => value >= low && value <= high).sort((a, b) => a - b);
+}
+
+function isPower(value) { return value === 0 || Math.abs(Math.log10(Math.abs(value)) % 1) < 1e-6; }
 
 function plain(value) { return value === null ? value : String(Number(value.toPrecision(5))).replace("-", "−"); }
 
 // Labels of a logarithmic axis: powers of ten, and the values between them if powers are few.
 function decades(splits) {
-  const decade = (value) => value === 0 || Math.abs(Math.log10(Math.abs(value)) % 1) < 1e-6;
-  const few = splits.filter((value) => value !== null && decade(value)).length < 2;
+  const few = splits.filter((value) => value !== null && isPower(value)).length < 2;
   return splits.map((value) => {
-    if (value === null || !(few || decade(value))) return null;
+    if (value === null || !(few || isPower(value))) return null;
     const power = Math.round(Math.log10(Math.abs(value)));
-    if (value === 0 || Math.abs(power) < 3 || !decade(value)) return plain(value);
+    if (value === 0 || Math.abs(power) < 3 || !isPower(value)) return plain(value);
     return `${value < 0 ? "−" : ""}10${String(power).replace(/./g, (c) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[c] ?? "⁻")}`;
   });
 }

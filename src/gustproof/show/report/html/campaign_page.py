@@ -27,6 +27,7 @@ from gustproof.show.report.html.campaign_charts import (
 )
 from gustproof.show.report.html.forest import ForestRow, render_forest
 from gustproof.show.report.html.markup import (
+    escape_code,
     fill_page,
     read_asset,
     render_chip,
@@ -80,7 +81,7 @@ def render_campaign_page(path: Path) -> str:
         "title": escape(f"{found.campaign.scenario.name}: {shorten(law.law for law in found.laws)}"),
         "policy": "style-src 'unsafe-inline'; img-src data:",
         "styles": read_asset("page.css") + read_asset("campaign.css"),
-        "about": "".join(f"<p>{escape(line)}</p>" for line in about) + "".join(warned),
+        "about": "".join(f"<p>{escape_code(line)}</p>" for line in about) + "".join(warned),
         "tiles": _render_headline(found),
         "figures": _render_figures(found),
         "requirements": _render_requirements(found),
@@ -261,7 +262,7 @@ def _render_importance(found: CampaignStatistics) -> str:
                 without.append(name)
                 continue
             drawn = f'<span class="interval">{spread.low:g} .. {spread.high:g}</span>'
-            rows.append([escape(name), drawn, *map(_render_bar, known)])
+            rows.append([escape(name), drawn, *(_render_bar(i, each) for i, each in enumerate(known))])
         head = ["quantity", "from .. to", *(_render_law(found, law) for law in found.laws)]
         table = render_table(head, rows) if rows else ""
         words = "No effect found, as the index is within the noise of its estimate"
@@ -283,11 +284,12 @@ def _has_effect(importance: Importance | None) -> bool:
     return importance is not None and importance.first_order > importance.noise
 
 
-def _render_bar(importance: Importance | None) -> str:
+def _render_bar(i: int, importance: Importance | None) -> str:
     text = format_importance(importance)
     if importance is None or not _has_effect(importance):
         return f'<span class="interval">{text}</span>'
-    return f'<span class="share" style="width: {60.0 * importance.first_order:.1f}px"></span>{text}'
+    style = f"--chip: var(--c{i % 7}); width: {60.0 * importance.first_order:.1f}px"
+    return f'<span class="share" style="{style}"></span>{text}'
 
 
 def _render_worst(found: CampaignStatistics) -> str:

@@ -19,7 +19,7 @@ from gustproof.law.form import Law
 from gustproof.robust.lti.state_space import ComplexMatrix
 from gustproof.show.report.html.charts import ChartGroup, ChartKind, Curve, decibels, frequency_chart
 from gustproof.show.report.html.marks import Mark
-from gustproof.show.report.html.markup import render_table, render_tile_line, render_tiles
+from gustproof.show.report.html.markup import escape_code, render_table, render_tile_line, render_tiles
 from gustproof.show.report.html.page import render_page
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.judgement import (
@@ -83,7 +83,7 @@ def render_verdict(found: Judgement, better: Improvement | None, remarks: tuple[
         parts.append(f"<h3>Advice, each change by itself, predicted</h3>{advice}")
     if better is not None:
         parts.append(_render_better(better))
-    parts += [f"<p class='note'>{escape(remark)}</p>" for remark in remarks]
+    parts += [f"<p class='note'>{escape_code(remark)}</p>" for remark in remarks]
     return f'<section id="verdict">{"".join(parts)}</section>'
 
 
@@ -131,7 +131,7 @@ _TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
 
 
 def _render_list(lines: tuple[str, ...] | list[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>"
+    return f"<ul>{''.join(f'<li>{escape_code(line)}</li>' for line in lines)}</ul>"
 
 
 def loop_charts(found: Judgement) -> Iterator[ChartGroup]:

@@ -25,7 +25,7 @@ from gustproof.show.report.html.charts import (
 )
 from gustproof.show.report.html.judgement_page import loop_charts, render_verdict
 from gustproof.show.report.html.marks import Mark
-from gustproof.show.report.html.markup import fill_page, render_table
+from gustproof.show.report.html.markup import escape_code, fill_page, render_table
 from gustproof.show.report.html.page import NumberBlock, chart_parts
 from gustproof.show.report.log_summary import describe_vibration, doubts, filter_rows, signal_rows, summary
 from gustproof.show.report.thinned import decimate
@@ -56,7 +56,7 @@ def render_log_page(flight: LoggedFlight) -> str:
     parts = {
         "title": escape(f"Flight of {log.source}"),
         "about": "".join(
-            f"<p>{escape(line)}</p>" for line in summary(flight, has_verdict=flight.judgement is not None)
+            f"<p>{escape_code(line)}</p>" for line in summary(flight, has_verdict=flight.judgement is not None)
         ),
         "signals": render_table(("signal", "rate [Hz]", "samples"), map(_escape, signal_rows(log))),
         "findings": _list(log.findings),
@@ -91,7 +91,7 @@ def _escape(row: Iterable[str]) -> list[str]:
 
 
 def _list(lines: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
+    return f"<ul>{''.join(f'<li>{escape_code(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def _history_groups(log: FlightLog) -> Iterator[ChartGroup]:
@@ -100,7 +100,7 @@ def _history_groups(log: FlightLog) -> Iterator[ChartGroup]:
     unit = "-" if log.command_unit.value == "1" else log.command_unit.value
     for title, axes, unit_of, measured, asked in (
         ("Attitude", AXES, "deg", log.attitude, log.reference),
-        ("Rates", tuple("pqr"), "rad/s", log.gyro, log.rate_reference),
+        ("Rates", tuple("pqr"), "deg/s", log.gyro, log.rate_reference),
         ("Torque command", AXES, unit, log.command, None),
         ("Motors", tuple(f"motor {k + 1}" for k in range(motors)), "-", log.motors, None),
     ):
@@ -110,7 +110,7 @@ def _history_groups(log: FlightLog) -> Iterator[ChartGroup]:
 
 
 def _history_chart(k: int, title: str, measured: LogSignal, asked: LogSignal | None) -> Chart:
-    scale = math.degrees(1.0) if title.endswith("[deg]") else 1.0
+    scale = math.degrees(1.0) if "[deg" in title else 1.0
     curves = [_history("flown" if asked else "logged", 0, measured.time, scale * measured.values[:, k])]
     if asked is not None:
         curves.append(_history("set-point", 1, asked.time, scale * asked.values[:, k], CurveStyle.DASHED))

@@ -26,7 +26,7 @@ class History(Enum):
     GUST = "Gust, blowing toward"
     ANGULAR_GUST = "Angular gust"
     MEAN_WIND = "Mean wind, blowing toward"
-    MOMENT = "Disturbance moment"
+    MOMENT = "Disturbance torque"
     THRUST = "Thrust of the rotors"
     POSITION = "Position"
     VELOCITY = "Velocity"

@@ -9,6 +9,11 @@ _NUMBER = re.compile(r"[≤≥<+−-]?[\d.]+(e[+-]?\d+)?$|–$|∞$")
 """Text of a cell that is a number, or stands for one."""
 
 
+def escape_code(text: str) -> str:
+    """Return a line of text as HTML; what stands between backticks is code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
 def read_asset(name: str) -> str:
     """Return the text of a shipped part of a page."""
     return (files("gustproof.show.report") / "assets" / name).read_text(encoding="utf-8")

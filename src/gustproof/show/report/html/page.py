@@ -19,7 +19,7 @@ from firmware_model.config.files import write_text
 from gustproof.show.report.html.charts import Chart, ChartGroup, Curve, spectra, time_histories
 from gustproof.show.report.html.loops import collect_laws, frequency_charts, pole_charts
 from gustproof.show.report.html.marks import Mark, time_bands
-from gustproof.show.report.html.markup import fill_page, read_asset, shorten
+from gustproof.show.report.html.markup import escape_code, fill_page, read_asset, shorten
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.html.tables import render_flights, render_headline, render_margins, render_requirements
 from gustproof.show.report.thinned import MAX_SAMPLES
@@ -94,8 +94,8 @@ def _render_about(runs: Sequence[ReportRun], *, warns: bool) -> str:
     A page with a verdict does not warn: it flies gains on purpose where they fail.
     """
     warned = dict.fromkeys(f"{run.label}: {warning}" for run in runs for warning in run.warnings) if warns else {}
-    told = "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(_describe(runs)))
-    return told + "".join(f"<p class='bad'>{escape(text)}</p>" for text in warned)
+    told = "".join(f"<p>{escape_code(text)}</p>" for text in dict.fromkeys(_describe(runs)))
+    return told + "".join(f"<p class='bad'>{escape_code(text)}</p>" for text in warned)
 
 
 def _describe(runs: Sequence[ReportRun]) -> Iterable[str]:

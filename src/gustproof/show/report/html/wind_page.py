@@ -39,7 +39,7 @@ def _render_around(found: WindLimit) -> str:
     least = [(bearing, gust.speed) for bearing, gust in level]
     gusts = PolarCurve("least single 1-cos gust that fails, in calm air", 1, least)
     winds = PolarCurve("mean wind with its turbulence in which half of the flights fail", 0, found.halves)
-    curves = [*([winds] if found.halves else []), gusts]
+    curves = [*([winds] if found.halves else []), *([gusts] if any(math.isfinite(each) for _, each in least) else [])]
     return render_polar("Wind that fails, by where it comes from [m/s]", curves, unit="m/s")
 
 
@@ -72,8 +72,8 @@ def _charts(found: WindLimit) -> Iterator[ChartGroup]:
     marks = (Mark(label=f"risk {100.0 * found.risk:g} %", y=100.0 * found.risk),)
     probability = _chart("flights that fail [%]", "wind at 20 ft [m/s]", trials, marks)
     loads = [*found.directions, (360.0, found.directions[0][1])]
-    around = _chart("largest figure over its limit [-]", "wind from [deg], the vehicle heads north", loads, ())
-    note = f"Directions are weighed at {found.direction_speed:.3g} m/s, by the median flight."
+    around = _chart("largest figure over its limit [-]", "wind from [deg]", loads, ())
+    note = f"Directions are weighed at {found.direction_speed:.3g} m/s, by the median flight. The vehicle heads north."
     yield ChartGroup(title="Wind", charts=(probability, *((around,) if found.holds_place else ())), note=note)
     lengths = [(gust.length_s, gust.speed) for gust in found.lengths if math.isfinite(gust.speed)]
     if lengths:
