@@ -67,8 +67,13 @@ def test_every_path_of_foxglove_is_in_the_bag_and_every_panel_in_the_layout(mess
     assert len(paths) == 18
     assert all(isinstance(value_at(messages, path.replace(".", "/")), float) for path in paths)
     assert {panels["RosOut!events"]["topicToRender"], panels["RawMessages!requirements"]["topicPath"]} <= set(messages)
-    placed = re.findall(r'"((?:Plot|RosOut|RawMessages)![^"]+)"', json.dumps(layout["layout"]))
+    placed = re.findall(r'"((?:3D|Plot|RosOut|RawMessages)![^"]+)"', json.dumps(layout["layout"]))
     assert sorted(placed) == sorted(panels)
+    moving, still = (messages[topic][0][1].transforms for topic in ("/tf", "/tf_static"))
+    frames = {frame for each in (*moving, *still) for frame in (each.header.frame_id, each.child_frame_id)}
+    view = panels["3D!vehicle"]
+    hidden = {name.removeprefix("frame:") for name in view["transforms"]}
+    assert frames == {view["followTf"], view["layers"]["grid"]["frameId"], *hidden}
 
 
 def test_angles_are_degrees_and_the_error_is_to_the_reference(messages):
