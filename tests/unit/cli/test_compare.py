@@ -14,7 +14,9 @@ from gustproof.cli.app import app
 from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.law.form import load_law
+from gustproof.show.report import contest
 from gustproof.studies.campaign import comparison
+from gustproof.studies.campaign.intervals import IntervalEstimate
 
 PEER = Path(__file__).parents[1] / "firmware_model" / "external" / "px4_build"
 SHORT = 'description = "gusts"\nduration_s = 6.0\n\n[[wind]]\nkind = "dryden"\nwind_speed_20ft_mps = 15.0\n'
@@ -82,8 +84,9 @@ def test_several_scenarios_and_a_controller_of_ones_own_are_told_apart_with_thei
 
 def test_the_table_is_written_for_a_review_and_a_build_server(laws: Path) -> None:
     words = ("compare", "short.toml", "--law", "flagship", "--law", "same.json", "--runs", "6")
-    result = CliRunner().invoke(app, [*words, "-o", "review.md", "-o", "junit.xml"])
+    result = CliRunner().invoke(app, [*words, "-o", "review.md", "-o", "junit.xml", "-o", "error.svg"])
     assert result.exit_code == 0
+    assert "flagship" in Path("error.svg").read_text(encoding="utf-8")  # laws have no estimate of their own
     assert "alike" in result.stdout
     text = Path("review.md").read_text(encoding="utf-8")
     assert "| same |" in text
@@ -94,6 +97,11 @@ def test_the_table_is_written_for_a_review_and_a_build_server(laws: Path) -> Non
     again = CliRunner().invoke(app, [*words, "-o", "review.md"])
     assert again.exit_code == 2
     assert "--force" in again.output
+
+
+def test_large_ratios_are_told_in_times() -> None:
+    assert contest._describe_ratio(IntervalEstimate(159.4, 33.88, 750.6)) == "159 times (33.9 to 751)"
+    assert contest._describe_ratio(IntervalEstimate(1.5, 1.25, 1.75)) == "+50.0 % (+25.0 to +75.0)"
 
 
 def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:

@@ -30,6 +30,9 @@ HEADINGS = (
 )
 
 
+_TWICE = 2.0  # [-] a ratio from which per cent have too many digits
+
+
 def render_comparison(title: str, rows: Sequence[ComparisonRow]) -> Renderable:
     """Return the table, a row for each controller; of a course also one with a row for each scenario."""
     tables = [_render_table(HEADINGS, [[row.name, *_cells(row)] for row in rows], title, explain())]
@@ -90,7 +93,10 @@ def describe_change(row: ComparisonRow) -> str:
 
 
 def _describe_ratio(ratio: IntervalEstimate) -> str:
-    """Return a ratio of errors as a change with its interval, in per cent."""
+    """Return a ratio of errors with its interval: as a change in per cent, or in times from twice on."""
+    if ratio.value >= _TWICE:
+        ends = f" ({ratio.low:.3g} to {ratio.high:.3g})" if math.isfinite(ratio.high) else ""
+        return f"{ratio.value:.3g} times{ends}"
     value, low, high = (100.0 * (end - 1.0) for end in ratio)
     ends = f" ({low:+.1f} to {high:+.1f})" if math.isfinite(high) else ""
     return f"{value:+.1f} %{ends}"

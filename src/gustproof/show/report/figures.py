@@ -220,12 +220,15 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
 def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> None:
     """Draw error by an autopilot's own estimate over torque slew: of each row as predicted (ring) and flown (disc).
 
-    What has no such estimate is not drawn.
+    What has no such estimate is not drawn beside what has; where nothing has one, it is the true error.
     """
     figure = _new_figure((8.0, 5.0), title)
     (axes,) = panels(figure, 1, 1)
+    has_own = any(row.own_rmse_deg is not None for row in rows)
+    label = "RMSE by its own estimate [deg]" if has_own else "RMSE, means removed [deg]"
+    legend = "ring: by the model, disc: flown" if has_own else "flown"
     for index, row in enumerate(rows):
-        if (error := row.own_rmse_deg) is None:
+        if (error := row.own_rmse_deg if has_own else row.steady_rmse_deg) is None:
             continue
         slew, colour = row.torque_slew_rms, _CURVES[index % len(_CURVES)]
         axes.plot(slew, error, "o", color=colour, label=row.name)
@@ -233,7 +236,7 @@ def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> No
         if row.predicted_slew is not None and row.predicted_own_rmse_deg is not None:
             axes.plot([row.predicted_slew, slew], [row.predicted_own_rmse_deg, error], color=colour, linewidth=0.8)
             axes.plot(row.predicted_slew, row.predicted_own_rmse_deg, "o", color=colour, fillstyle="none", markersize=9)
-    _style_axes(axes, "RMSE by its own estimate [deg]", "ring: by the model, disc: flown", "torque slew [N m/s]")
+    _style_axes(axes, label, legend, "torque slew [N m/s]")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(x=0.2)  # for the names
