@@ -240,10 +240,16 @@ def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> No
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(x=0.2)  # for the names
-    for axis in (axes.xaxis, axes.yaxis):
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("{x:g}")
+        shown = "25" if high > 10.0 * low else "23456789"  # all would cover each other
+        axis.set_minor_formatter(partial(_label_minor, shown))
     save_figure(figure, path)
+
+
+def _label_minor(digits: str, x: float, _: int) -> str:
+    """Return the label of a place of a logarithmic axis if its leading digit is among `digits`."""
+    return f"{x:g}" if f"{x:.0e}"[0] in digits else ""
 
 
 def save_analysis(
