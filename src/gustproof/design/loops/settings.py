@@ -132,7 +132,7 @@ class AutopilotLoops(NamedTuple):
         if other := self.find_class(parameters):
             raise ConfigError(f"{other}, only multicopters are judged")
         if not _matches(self.gains, parameters):
-            raise ConfigError(f"no gain of {self.name} among its {len(parameters)} parameters")
+            raise ConfigError(f"no gain of {self.name} among its parameters, {len(parameters)} in all")
 
     def find_class(self, parameters: Mapping[str, float]) -> str:
         """Return the parameters that tell another class of vehicle, and the class; empty for what hovers."""

@@ -33,7 +33,7 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
         yield f"verdict: {title(flight.judgement)}" if flight.judgement else f"no verdict: {told}"
         yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
     length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne or ())
-    yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, {len(log.parameters)} parameters"
+    yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, parameters: {len(log.parameters)}"
     if flight.judgement is not None:
         yield f"judged on the vehicle that this log shows; {NO_MASS}"
         if doubt := contradiction(flight.log, flight.judgement):

@@ -105,5 +105,7 @@ def _format_interval(interval: Interval | None, scale: float = 1.0, *, least: fl
     """Return value and interval, of which what is below the `least` possible is left out."""
     if interval is None:
         return "–"
-    low, nominal, high = (f"{max(scale * value, least):.3g}" for value in interval)
+    ends = [max(scale * value, least) for value in interval]
+    nothing = 1e-3 * (ends[-1] - ends[0])  # no digit of a smaller value is known
+    low, nominal, high = (f"{value if abs(value) > nothing else 0.0:.3g}" for value in ends)
     return f"{nominal} ({low} .. {high})"

@@ -188,7 +188,7 @@ def test_a_file_is_known_by_its_names(kind: str, shipped: str) -> None:
     ("text", "wrong"),
     [
         ("", "there are none of PX4"),
-        ("INS_GYRO_FILTER 20\n", "no gain of ArduPilot among its 1 parameters"),
+        ("INS_GYRO_FILTER 20\n", "no gain of ArduPilot among its parameters, 1 in all"),
         ("Q_A_RAT_RLL_P 0.9\nINS_GYRO_FILTER 20\n", "Q_A_RAT_RLL_P: gains of a quadplane"),
         ("INS_GYRO_FILTER 20\nRLL_RATE_P 0.1\n", "RLL_RATE_P: of a plane (ArduPlane)"),
         ("ATC_STR_RAT_P 0.2\n", "ATC_STR_RAT_P: of a rover or boat"),

@@ -14,6 +14,7 @@ const ready = (async () => {
     for (const group of groups) addGroup(section, group);
     if (!groups.length && name !== "poles") section.hidden = true;
   }
+  for (const link of document.querySelectorAll("nav a")) link.hidden = document.querySelector(link.hash)?.hidden ?? true;
   [charts.start, charts.end] = page.span;
   const from = document.getElementById("from"), to = document.getElementById("to");
   charts.onZoom = (min, max) => {
