@@ -23,11 +23,11 @@ globalThis.ready = new Promise((settled) => (settle = settled)); // the first ro
 globalThis.gustproof = { tracks, choice, facts, shown, play, get rows() { return main(); } };
 
 const CHARTS = [
-  { title: "attitude [deg]", series: "angles", names: ["roll φ", "pitch θ", "yaw ψ"], least: 1 },
-  { title: "rates [deg/s]", series: "rates", names: ["roll", "pitch", "yaw"], least: 2 },
-  { title: "commanded torque [N m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05 },
-  { title: "wind velocity at the vehicle [m/s]", series: "wind", names: ["north", "east", "down"], least: 0.5 },
-  { title: "delay from gyro to torque [ms]", series: "age", names: ["of the torque in effect"], least: 8, positive: true },
+  { title: "attitude [deg]", series: "angles", names: ["roll φ", "pitch θ", "yaw ψ"], least: 1, digits: 3 },
+  { title: "rates [deg/s]", series: "rates", names: ["roll", "pitch", "yaw"], least: 2, digits: 2 },
+  { title: "commanded torque [N m]", series: "torque", names: ["roll", "pitch", "yaw"], least: 0.05, digits: 3 },
+  { title: "wind velocity at the vehicle [m/s]", series: "wind", names: ["north", "east", "down"], least: 0.5, digits: 2 },
+  { title: "delay from gyro to torque [ms]", series: "age", names: ["of the torque in effect"], least: 8, digits: 1, positive: true },
 ].map((chart) => {
   const figure = byId("charts").appendChild(document.createElement("figure"));
   const caption = figure.appendChild(document.createElement("figcaption"));
@@ -296,7 +296,11 @@ function drawBehind(g, chart, x, y, bottom) {
 function tellValues(chart, from, to) {
   const t = cursor.share === null || cursor.share < 0 ? clock.t : from + cursor.share * (to - from);
   const values = valueAt(main()[chart.series], Math.min(t, landed() ? clock.latest : clock.t)) ?? [];
-  const told = (value) => (Math.abs(value) < 1e-3 * chart.least ? "0" : value.toPrecision(3).replace("-", "−"));
+  const told = (value) => {  // three digits, and no more decimals than the quantity has
+    if (Math.abs(value) < 0.5 * 10 ** -chart.digits) return "0";
+    const places = Math.min(chart.digits, Math.max(0, 2 - Math.floor(Math.log10(Math.abs(value)))));
+    return value.toFixed(places).replace("-", "−");
+  };
   chart.values.forEach((place, i) => { place.textContent = values[i] == null ? "–" : told(values[i]); });
 }
 
