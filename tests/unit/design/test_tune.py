@@ -12,6 +12,8 @@ from firmware_model.config.uncertainty import VehicleSet, load_vehicle_set, make
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
 from gustproof.design import tune
+from gustproof.design.cascades.flagship import flagship_law
+from gustproof.design.cascades.tuning import SPREADS, TuningLimits, corner_vehicles
 from gustproof.design.levelling import level_cascade
 from gustproof.design.tune import (
     ROBUSTNESS_PRICE,
@@ -152,6 +154,17 @@ def test_the_flagship_for_any_vehicle_is_near_the_least_error():
     over_slew, over_peak = least_errors(vehicles.nominal, AIR, tuning)
     assert [point.rmse for point in over_slew] == sorted((point.rmse for point in over_slew), reverse=True)
     assert [point.rmse for point in over_peak] == sorted((point.rmse for point in over_peak), reverse=True)
+
+
+@pytest.mark.slow
+def test_a_vehicle_whose_lag_is_shorter_than_a_sample_gets_a_flagship():
+    """As ArduPilot's own quadrotor, whose motors have none."""
+    vehicle = replace(load_vehicle_set("paper").nominal, actuator_lag=0.001)
+    limits = TuningLimits(sensitivity_peak=1.4, slew=10.0, corner_peak=5.6)
+    law = flagship_law(vehicle, AIR, limits=limits, corners=corner_vehicles(vehicle, SPREADS))
+    axes = margins(hover_plant(vehicle, AIR), loop_law(law)).input
+    assert max(axis.Ms for axis in axes) <= 1.4 * (1.0 + 1e-6)
+    assert predict(law, vehicle, AIR).slew <= 10.0 * (1.0 + 1e-6)
 
 
 def test_margins_that_no_gains_have_are_left_out(monkeypatch):

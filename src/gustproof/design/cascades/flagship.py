@@ -22,6 +22,7 @@ from gustproof.airframe.covariance import (
 from gustproof.design.cascades.biquad_search import AxisSearch
 from gustproof.design.cascades.pid_biquad import BiquadGains, biquad_axis
 from gustproof.design.cascades.tuning import (
+    SLOWER,
     SPREADS,
     TuningLimits,
     axis_parameters,
@@ -139,6 +140,9 @@ def tune_flagship(
     fixed = _starts(bandwidth, limits)
     starts = [_add_biquad(pid[0], 4.0 * bandwidth), *fixed[1:]] if pid else fixed
     found = _search_weights(searches, starts, models, limits)
+    if vehicle.actuator_lag < scenario.dt:  # the usual starts are unstable, as samples and not the lag limit the loop
+        for speed in SLOWER[1:]:
+            found = found or _search_weights(searches, _starts(speed * bandwidth, limits), models, limits)
     if found is None:
         raise DesignError(
             f"no shaped cascade found at sensitivity peak {limits.sensitivity_peak}, {limits.corner_peak} off nominal, "
