@@ -14,6 +14,8 @@ static constexpr char MODE_NAME[] = "$mode";
 static constexpr bool TAKES_REFERENCES = $takes_references;
 static constexpr hrt_abstime FRESH = 500_ms;
 static constexpr float SMOOTHING = 0.2f; // [s] of the torque to begin with: gusts and noise shall not count
+// of the law's vehicle, and no parameters' defaults: PX4's build keeps those of the law that was built before
+static constexpr float FULL_TORQUE[3] {$roll_torque, $pitch_torque, $yaw_torque};
 static constexpr float STANDING = 0.3f; // [m/s] of a set-point that holds a place
 
 Gustproof::Gustproof() :
@@ -219,6 +221,12 @@ void Gustproof::enter()
 	_trajectory_pub.publish(here);
 }
 
+float Gustproof::full_torque(int axis) const
+{
+	const float given[3] {_param_roll_torque.get(), _param_pitch_torque.get(), _param_yaw_torque.get()};
+	return given[axis] > 0.f ? given[axis] : FULL_TORQUE[axis];
+}
+
 void Gustproof::follow_torque(float interval)
 {
 	vehicle_torque_setpoint_s setpoint;
@@ -238,9 +246,9 @@ void Gustproof::follow_torque(float interval)
 void Gustproof::take_over()
 {
 	const float torque[3] {
-		_before[0] *_param_roll_torque.get(),
-		_before[1] *_param_pitch_torque.get(),
-		_before[2] *_param_yaw_torque.get(),
+		_before[0] * full_torque(0),
+		_before[1] * full_torque(1),
+		_before[2] * full_torque(2),
 	};
 	gustproof_take_over(&_law, torque);
 }
@@ -273,9 +281,9 @@ void Gustproof::tell_saturation(hrt_abstime now)
 
 	if (!_allocated.torque_setpoint_achieved && now < _allocated.timestamp + 20_ms) {
 		const float missing[3] {
-			-_allocated.unallocated_torque[0] *_param_roll_torque.get(),
-			-_allocated.unallocated_torque[1] *_param_pitch_torque.get(),
-			-_allocated.unallocated_torque[2] *_param_yaw_torque.get(),
+			-_allocated.unallocated_torque[0] * full_torque(0),
+			-_allocated.unallocated_torque[1] * full_torque(1),
+			-_allocated.unallocated_torque[2] * full_torque(2),
 		};
 		gustproof_undelivered(&_law, missing);
 	}
@@ -339,9 +347,9 @@ void Gustproof::publish(const float torque[3], hrt_abstime sample)
 	_thrust_pub.publish(thrust_setpoint);
 
 	vehicle_torque_setpoint_s torque_setpoint{};
-	torque_setpoint.xyz[0] = math::constrain(torque[0] / _param_roll_torque.get(), -1.f, 1.f);
-	torque_setpoint.xyz[1] = math::constrain(torque[1] / _param_pitch_torque.get(), -1.f, 1.f);
-	torque_setpoint.xyz[2] = math::constrain(torque[2] / _param_yaw_torque.get(), -1.f, 1.f);
+	torque_setpoint.xyz[0] = math::constrain(torque[0] / full_torque(0), -1.f, 1.f);
+	torque_setpoint.xyz[1] = math::constrain(torque[1] / full_torque(1), -1.f, 1.f);
+	torque_setpoint.xyz[2] = math::constrain(torque[2] / full_torque(2), -1.f, 1.f);
 	torque_setpoint.timestamp_sample = sample;
 	torque_setpoint.timestamp = hrt_absolute_time();
 	_torque_pub.publish(torque_setpoint);
@@ -352,6 +360,8 @@ int Gustproof::print_status()
 	PX4_INFO("law '%s', %d Hz, gyro at %.1f Hz", "$name", GUSTPROOF_RATE, (double)(1.f / _interval));
 	PX4_INFO("mode '%s', nav_state %d: %s, %u restarts", MODE_NAME, _mode, _flying ? "in control" : "not in control",
 		 _restarts);
+	PX4_INFO("torque set-point 1 is %.4f, %.4f, %.4f N m",
+		 (double)full_torque(0), (double)full_torque(1), (double)full_torque(2));
 	return 0;
 }
 

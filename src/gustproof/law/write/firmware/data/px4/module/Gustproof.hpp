@@ -57,6 +57,7 @@ private:
 	void configure_mode();
 	void answer_arming_check();
 	bool in_control();
+	float full_torque(int axis) const; // [N m] of the torque set-point 1
 	void enter();
 	void follow_torque(float interval);
 	void take_over();

@@ -15,29 +15,35 @@ PARAM_DEFINE_INT32(GP_HOLD, $hold);
 /**
  * Roll torque of the torque set-point 1
  *
+ * 0: that of the law's vehicle
+ *
  * @unit Nm
- * @min 0.0001
+ * @min 0
  * @decimal 4
  * @group Gustproof
  */
-PARAM_DEFINE_FLOAT(GP_TRQ_ROLL, $roll_torque);
+PARAM_DEFINE_FLOAT(GP_TRQ_ROLL, 0.f);
 
 /**
  * Pitch torque of the torque set-point 1
  *
+ * 0: that of the law's vehicle
+ *
  * @unit Nm
- * @min 0.0001
+ * @min 0
  * @decimal 4
  * @group Gustproof
  */
-PARAM_DEFINE_FLOAT(GP_TRQ_PITCH, $pitch_torque);
+PARAM_DEFINE_FLOAT(GP_TRQ_PITCH, 0.f);
 
 /**
  * Yaw torque of the torque set-point 1
  *
+ * 0: that of the law's vehicle
+ *
  * @unit Nm
- * @min 0.0001
+ * @min 0
  * @decimal 4
  * @group Gustproof
  */
-PARAM_DEFINE_FLOAT(GP_TRQ_YAW, $yaw_torque);
+PARAM_DEFINE_FLOAT(GP_TRQ_YAW, 0.f);
