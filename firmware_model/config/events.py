@@ -157,6 +157,14 @@ class RotorFailure(_Event):
     """[-] of the thrust that it is to give: 1 is sound, 0 is dead."""
 
 
+@tagged_dataclass("gps_lost")
+class GpsLoss(_Event):
+    """Satellite receiver without a fix, in flights of a real autopilot: no law here reads one."""
+
+    for_s: Positive | None = None
+    """[s] duration; to the end by default."""
+
+
 PlantEvent = (
     AttitudeReference
     | GyroBias
@@ -169,4 +177,4 @@ PlantEvent = (
     | RotorFailure
 )
 ControllerEvent = ModeChange | ControllerHang | ControllerKill
-Event = Annotated[ControllerEvent | PlantEvent, Field(discriminator="kind")]
+Event = Annotated[ControllerEvent | PlantEvent | GpsLoss, Field(discriminator="kind")]

@@ -233,6 +233,11 @@ class Scenario:
         """Events of the plant and the reference."""
         return tuple(item for item in self.event if isinstance(item, events.PlantEvent))
 
+    def has_fix(self, time_s: float) -> bool:
+        """Return whether the satellite receiver has a fix at a time [s]."""
+        lost = (item for item in self.event if isinstance(item, events.GpsLoss))
+        return not any(item.at_s <= time_s < item.at_s + (item.for_s or math.inf) for item in lost)
+
     @property
     def references(self) -> tuple[tuple[int, Vector], ...]:
         """Attitude references of the law: stamp [us] of the first sample, and roll, pitch, yaw [rad]."""

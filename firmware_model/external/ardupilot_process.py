@@ -102,6 +102,7 @@ _WATCHED = (
 """Loops' parameters that are reported as the build has them: their defaults differ from version to version."""
 # A law inside is a custom controller: the third, after ArduPilot's empty one and its PID, for all axes.
 _LAW = {"CC_TYPE": "3", "CC_AXIS_MASK": "7", "INS_GYRO_FILTER": f"{LAW_GYRO_FILTER_HZ:g}"}
+_FIX_SWITCHES = (("SIM_GPS1_ENABLE", 1.0, 0.0), ("SIM_GPS_DISABLE", 0.0, 1.0))  # from 4.6 on, and before
 _LAW_SWITCH, _LAW_IS_ON = (float(wire.MAV_CMD_DO_AUX_FUNCTION), 109.0, 2.0), "Custom controller is ON"
 
 
@@ -201,6 +202,7 @@ class ArduPilot:
             (_GUIDED, 0.0),
             _GUIDED,
             thrust_range=thrust_range(parameters),
+            fix_switches=_FIX_SWITCHES,
         )
         self.compared: frozenset[str] = frozenset(_VITAL)
         self._reader = FrameReader(outputs)

@@ -2,12 +2,14 @@
 
 A protocol core without I/O, on the world's clock: a flight at any speed gives the same set-points at the same samples.
 
-MAVLink, common message set, messages 0, 4, 20, 22, 31, 76, 77, 82, 83, 148, 253, 350; commands 176, 400, 511, 512.
+MAVLink, common message set, messages 0, 4, 20, 22, 23, 31, 76, 77, 82, 83, 148, 231, 253, 350; commands 176,
+400, 511, 512. ArduPilot's own message 168.
 """
 
 import math
 import struct
 from collections import deque
+from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import all as wire
 
@@ -17,15 +19,20 @@ from firmware_model.mavlink.channel import Channel
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.messages import AUTOPILOT, command_long_message, command_message
 from firmware_model.recording.estimates import Estimate
-from firmware_model.types import AttitudeTarget, Quaternion
+from firmware_model.types import AttitudeTarget, Quaternion, Vector
 
 PERIOD_US = 20_000
 """[us] Time between two set-points, and between two estimates of the autopilot."""
 _HEARTBEAT_US = 1_000_000
 _RETRY_US, _READ_US = 500_000, 250_000
+_SETTINGS_SENT = 5  # times that a parameter is set at most
 _TEXTS = 40  # latest texts that are kept
 _SYSTEM, _COMPONENT = 245, wire.MAV_COMP_ID_ONBOARD_COMPUTER
 _STREAMS = (wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, wire.MAVLINK_MSG_ID_ATTITUDE_TARGET)
+_WINDS = {
+    wire.MAV_AUTOPILOT_PX4: (wire.MAVLINK_MSG_ID_WIND_COV,),
+    wire.MAV_AUTOPILOT_ARDUPILOTMEGA: (wire.MAVLINK_MSG_ID_WIND,),
+}
 _ATTITUDE = struct.Struct("<I4f")  # both streams begin with stamp [ms] and quaternion
 _ARRAY = struct.Struct("<QH10s5f")  # DEBUG_FLOAT_ARRAY: stamp [us], id, name, quaternion, thrust; the rest are zeros
 _FOREIGN_MODE = 1.0  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -54,7 +61,9 @@ class ExternalClient:
         self.texts: deque[str] = deque(maxlen=_TEXTS)
         self.refusals: dict[int, int] = {}
         self.estimates: list[Estimate] = []
+        self._settings: dict[str, tuple[float, int]] = {}
         self._setpoint: Quaternion = (math.nan,) * 4
+        self._wind_N: Vector = (math.nan,) * 3
         self._heartbeat_at_us = self._retry_at_us = self._read_at_us = self._now_us = 0
         self._outbox: list[bytes] = []
         self.reader = reader or ParameterReader()
@@ -67,6 +76,8 @@ class ExternalClient:
             wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             wire.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_attitude,
             wire.MAVLINK_MSG_ID_ATTITUDE_TARGET: self._on_target,
+            wire.MAVLINK_MSG_ID_WIND_COV: self._on_wind_cov,
+            wire.MAVLINK_MSG_ID_WIND: self._on_wind,
         }
 
     @property
@@ -111,6 +122,10 @@ class ExternalClient:
         """Return the latest time for the next call of `poll`."""
         return self._now_us + PERIOD_US
 
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        """Set parameters in flight: each is sent until it is told back, a few times at most, as versions lack some."""
+        self._settings |= {name: (value, _SETTINGS_SENT) for name, value in values.items()}
+
     def take_estimates(self) -> list[Estimate]:
         """Return the estimates since the last call."""
         taken, self.estimates = self.estimates, []
@@ -122,6 +137,15 @@ class ExternalClient:
             self._heartbeat_at_us = now_us + _HEARTBEAT_US
             kind, none = wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID
             self._send(wire.MAVLink_heartbeat_message(kind, none, 0, 0, wire.MAV_STATE_ACTIVE, 3))
+        for name, (value, left) in list(self._settings.items()):
+            self._send(
+                wire.MAVLink_param_set_message(
+                    self._system, AUTOPILOT, name.encode(), value, wire.MAV_PARAM_TYPE_REAL32
+                )
+            )
+            self._settings[name] = (value, left - 1)
+            if left == 1:
+                del self._settings[name]
         if now_us >= self._retry_at_us and self.autopilot is not None:
             self._retry_at_us = now_us + _RETRY_US
             self._request()
@@ -135,7 +159,7 @@ class ExternalClient:
         if not self.version:
             self._command(wire.MAV_CMD_REQUEST_MESSAGE, wire.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         if not self.estimates and not self.is_armed:
-            for number in _STREAMS:
+            for number in (*_STREAMS, *_WINDS.get(self.autopilot or 0, ())):
                 self._command(wire.MAV_CMD_SET_MESSAGE_INTERVAL, number, PERIOD_US)
         if self.wants_flight and not self.is_in_mode:
             self._command(wire.MAV_CMD_DO_SET_MODE, _FOREIGN_MODE, *self._dialect.mode)
@@ -168,7 +192,9 @@ class ExternalClient:
             self.awaits_echo = False
 
     def _on_parameter(self, frame: Frame) -> None:
-        self.reader.take(frame.message())
+        message = frame.message()
+        self._settings.pop(message.param_id, None)
+        self.reader.take(message)
 
     def _on_text(self, frame: Frame) -> None:
         self.texts.append(frame.message().text)
@@ -191,11 +217,20 @@ class ExternalClient:
 
     def _on_attitude(self, frame: Frame) -> None:
         time_ms, w, x, y, z = _ATTITUDE.unpack_from(frame.payload)
-        self.estimates.append(Estimate(1000 * time_ms, (w, x, y, z), self._setpoint))
+        self.estimates.append(Estimate(1000 * time_ms, (w, x, y, z), self._setpoint, self._wind_N))
 
     def _on_target(self, frame: Frame) -> None:
         _, w, x, y, z = _ATTITUDE.unpack_from(frame.payload)
         self._setpoint = (w, x, y, z)
+
+    def _on_wind_cov(self, frame: Frame) -> None:
+        message = frame.message()
+        self._wind_N = message.wind_x, message.wind_y, message.wind_z
+
+    def _on_wind(self, frame: Frame) -> None:
+        message = frame.message()  # the direction is that which the wind comes from
+        level, heading = math.sqrt(max(message.speed**2 - message.speed_z**2, 0.0)), math.radians(message.direction)
+        self._wind_N = -level * math.cos(heading), -level * math.sin(heading), message.speed_z
 
 
 def describe_refusals(client: ExternalClient) -> str:

@@ -22,3 +22,5 @@ class Dialect(NamedTuple):
     """[-] MAV_CMD and its parameters that give control to a law inside; empty if there is none, or the mode does."""
     law_is_on: str = ""
     """Text that tells of it."""
+    fix_switches: tuple[tuple[str, float, float], ...] = ()
+    """[-] parameters of the fix of a receiver that it simulates itself, each with its value with a fix and without."""

@@ -72,6 +72,7 @@ class ExternalFlight:
         self._rotors: tuple[float, ...] = (0.0,) * 4
         self._readings = world.readings()
         self._interrupted = False
+        self._fix_lost_us = 0
         self._client_at_us = 0
 
     def interrupt(self) -> None:
@@ -107,6 +108,7 @@ class ExternalFlight:
         """
         while not self._world.finished:
             self._follow_script()
+            self._follow_fix()
             self._step()
             self._check()
 
@@ -210,6 +212,16 @@ class ExternalFlight:
         off = self._scenario.altitude_m + self._readings.position_N[2]
         return not self._scenario.free or abs(off) < _HEIGHT_TOLERANCE
 
+    def _follow_fix(self) -> None:
+        """Tell an autopilot that simulates its own receiver whether the scenario gives it a fix."""
+        had_fix, has_fix = not self._fix_lost_us, self._readings.has_fix
+        if has_fix == had_fix:
+            return
+        self._fix_lost_us = 0 if has_fix else self._world.time_us
+        self._client.set_parameters(
+            {name: on if has_fix else off for name, on, off in self._external.dialect.fix_switches}
+        )
+
     def _follow_script(self) -> None:
         time_us = self._world.loop.time_us
         while self._references and self._references[0][0] <= time_us:
@@ -254,14 +266,22 @@ class ExternalFlight:
         """Name the end of a flight that the autopilot no longer flies."""
         client, (w, x, y, z) = self._client, self._readings.q_NB
         if not (client.is_armed and self._external.is_armed):
-            raise ExternalError(ExternalOutcome.DISARMED, quote_last_texts(client))
+            raise self._give_up(ExternalOutcome.DISARMED, "disarmed; ")
         if not client.is_in_mode:
-            left = f"left {self._external.dialect.mode_name} for mode {client.custom_mode}"
-            raise ExternalError(ExternalOutcome.LEFT_MODE, f"{left}; {quote_last_texts(client)}")
+            left = f"left {self._external.dialect.mode_name} for mode {client.custom_mode}; "
+            raise self._give_up(ExternalOutcome.LEFT_MODE, left)
         if calm and w * w - x * x - y * y + z * z < _OVERTURNED:
             raise ExternalError(
                 ExternalOutcome.WRONG_GEOMETRY, "overturned in calm air: do its rotors stand as in the vehicle file?"
             )
+
+    def _give_up(self, outcome: ExternalOutcome, what: str) -> ExternalError:
+        """Return the end of a flight that the autopilot gave up, in its own words."""
+        said = quote_last_texts(self._client)
+        if not self._fix_lost_us:
+            return ExternalError(outcome, said if outcome is ExternalOutcome.DISARMED else what + said)
+        after_s = 1e-6 * (self._world.time_us - self._fix_lost_us)
+        return ExternalError(ExternalOutcome.GPS_LOST, f"{after_s:.1f} s without a fix it {what}{said}")
 
 
 def describe_unrest(omega_B: NDArray[np.float64], dt: float, height: float = 0.0) -> str:

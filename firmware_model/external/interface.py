@@ -51,6 +51,8 @@ class ExternalOutcome(Enum):
     """It disarmed in flight."""
     LEFT_MODE = "left_mode"
     """It left the mode that follows set-points."""
+    GPS_LOST = "gps_lost"
+    """It left that mode, or disarmed, while the scenario kept the satellites from it."""
     INTERRUPTED = "interrupted"
     """Ctrl-C or a termination signal."""
 

@@ -118,7 +118,8 @@ def _gps_fields(readings: Readings) -> tuple[int, ...]:
     speed = min(round(100.0 * math.hypot(north, east)), 65535)
     velocity = to_centi(north), to_centi(east), to_centi(down)
     place = to_geodetic(readings.gps_position_N)
-    return (readings.time_us, *place, *_ERRORS_CM, speed, *velocity, round(100.0 * course) % 36000, _FIX, _SATELLITES)
+    fix = (_FIX, _SATELLITES) if readings.has_fix else (0, 0)
+    return (readings.time_us, *place, *_ERRORS_CM, speed, *velocity, round(100.0 * course) % 36000, *fix)
 
 
 def _truth_fields(readings: Readings) -> tuple[float, ...]:

@@ -60,6 +60,8 @@ class Readings(NamedTuple):
     """[rad/s] B, true."""
     wind_N: Vector
     """[m/s] true mean wind, blowing toward."""
+    has_fix: bool = True
+    """False while the satellite receiver has no fix."""
 
 
 def read_sensors(loop: VehicleLoop, seed: int, time_us: int) -> Readings:

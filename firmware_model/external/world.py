@@ -74,7 +74,9 @@ class World:
     def readings(self) -> Readings:
         """Return the readings at this sample; the same object until the next."""
         if self._readings is None:
-            self._readings = read_sensors(self.loop, self._noise_seed, self.time_us)
+            told = read_sensors(self.loop, self._noise_seed, self.time_us)
+            has_fix = not self.flying or self._script.has_fix(1e-6 * self.loop.time_us)
+            self._readings = told if has_fix else told._replace(has_fix=False)
         return self._readings
 
     def release(self) -> None:

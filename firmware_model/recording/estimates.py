@@ -1,8 +1,9 @@
-"""Recording of an external autopilot's own attitude: one record for each estimate that it sent in flight.
+"""Recording of an external autopilot's own attitude and wind: one record for each attitude that it sent in flight.
 
 The file has the form of the journal: a line of JSON, then records of little-endian float64.
 """
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 
 from firmware_model.config.files import TEXT, open_regular
 from firmware_model.recording.journal import JournalWriter
-from firmware_model.types import Quaternion
+from firmware_model.types import Quaternion, Vector
 
 ESTIMATE = np.dtype(
     [
         ("time_us", "<f8"),  # [us] model time of the estimate
         ("q_NB", "<f8", 4),  # attitude B to N as the autopilot estimates it, scalar first
         ("setpoint_q_NB", "<f8", 4),  # attitude set-point of its loops; NaN where unknown
+        ("told_wind_N", "<f8", 3),  # [m/s] wind as the autopilot estimates it, blowing toward; NaN where it tells none
     ]
 )
 ATTITUDE_SUFFIX = ".attitude"
@@ -27,7 +29,7 @@ _HEADER = {"kind": "attitude of a guest autopilot"}
 
 
 class Estimate(NamedTuple):
-    """Attitude of an external autopilot: estimated, and to be held."""
+    """Attitude of an external autopilot, estimated and to be held, and its wind."""
 
     time_us: int
     """[us] the autopilot's clock, whole milliseconds; the simulation's, if it follows that."""
@@ -35,6 +37,8 @@ class Estimate(NamedTuple):
     """Estimated attitude, B to N, scalar first."""
     setpoint_q_NB: Quaternion
     """Attitude set-point of its loops, as it last reported it; NaN before."""
+    told_wind_N: Vector = (math.nan,) * 3
+    """[m/s] its estimate of the wind, blowing toward, as it last reported it; NaN before."""
 
 
 class EstimateWriter(JournalWriter):
@@ -45,7 +49,7 @@ class EstimateWriter(JournalWriter):
 
     def append_estimate(self, estimate: Estimate) -> None:
         """Append one estimate."""
-        self.append((estimate.time_us, *estimate.q_NB, *estimate.setpoint_q_NB))
+        self.append((estimate.time_us, *estimate.q_NB, *estimate.setpoint_q_NB, *estimate.told_wind_N))
 
 
 def read_estimates(path: Path) -> NDArray[np.void]:

@@ -25,7 +25,14 @@ from gustproof.flight.recording.definitions import (
     rotors_message,
 )
 from gustproof.flight.recording.derived import EVENTS_TOPIC, REQUIREMENTS_TOPIC
-from gustproof.flight.recording.topics import ANGLE_TOPICS, BASE_LINK_FRD, ESTIMATE_TOPICS, MAP_NED, TOPICS
+from gustproof.flight.recording.topics import (
+    ANGLE_TOPICS,
+    BASE_LINK_FRD,
+    ESTIMATE_TOPICS,
+    MAP_NED,
+    TOLD_WIND_TOPIC,
+    TOPICS,
+)
 from gustproof.flight.recording.transforms import TF_S, TF_STATIC_TOPIC, TF_TOPIC
 from gustproof.guide.schemas import Schema, attribute_docs, describe_keys, describe_values, file_schema
 from gustproof.law.form import FORMAT, Law, Provenance, RateLimit, Schedule
@@ -115,7 +122,7 @@ def bag_topics() -> str:
             f"`{topic.frame_id}`",
             "; ".join(f"`{name}`: {meanings.get(name, 'told by a real autopilot')}" for name in topic.fields),
         )
-        for topic in (*TOPICS, *ANGLE_TOPICS, *ESTIMATE_TOPICS)
+        for topic in (*TOPICS, *ANGLE_TOPICS, *ESTIMATE_TOPICS, TOLD_WIND_TOPIC)
     ]
     own = (FLIGHT, MODE, rotors_message(4), COMMAND_AGE, ANGLES, REQUIREMENT)
     texts = {name: definition(name)[0].partition("=" * 80)[0] for name in own}

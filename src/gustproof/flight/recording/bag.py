@@ -43,6 +43,7 @@ from gustproof.flight.recording.topics import (
     BASE_LINK_FRD,
     ESTIMATE_TOPICS,
     ROTORS_TOPIC,
+    TOLD_WIND_TOPIC,
     TOPICS,
     Topic,
     decode,
@@ -73,7 +74,7 @@ def write_bag(
 ) -> None:
     """Write the journal `records` (n,) as a bag, the folder `path`, with `flight` as JSON on /flight.
 
-    `estimates` (m,) are the attitudes that a real autopilot reported, see `firmware_model.recording.estimates`. The
+    `estimates` (m,) are attitudes and winds that a real autopilot told, see `firmware_model.recording.estimates`. The
     `requirements` are results as JSON. With the scenario in `flight`, they and its events have topics for viewers.
 
     Equal records and an equal `flight` give equal bytes of every message. Stamps are model time. Without commanded
@@ -107,7 +108,8 @@ def write_bag(
         with writer:
             _write(writer, records, flight)
             if estimates is not None:
-                for topic in ESTIMATE_TOPICS:
+                tells_wind = np.isfinite(estimates["told_wind_N"]).any()
+                for topic in (*ESTIMATE_TOPICS, *[TOLD_WIND_TOPIC] * bool(tells_wind)):
                     _write_rows(writer, topic, record_blocks(estimates))
             _write_derived(writer, records, parse_scenario(flight), requirements)
         staged.rename(path)
@@ -283,15 +285,15 @@ def _write_derived(
 
 
 def read_estimate_topics(path: Path) -> Records:
-    """Return the attitudes (m,) of `ESTIMATE` that a real autopilot reported, from its bag; none in any other bag."""
-    payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in ESTIMATE_TOPICS}
+    """Return attitudes and winds (m,) of `ESTIMATE` that a real autopilot told, from its bag; none in any other bag."""
+    payloads: dict[str, bytearray] = {topic.name: bytearray() for topic in (*ESTIMATE_TOPICS, TOLD_WIND_TOPIC)}
     for file in _files(path):
         for name, _, payload in messages(file):
             if name in payloads:
                 payloads[name] += payload
     first = ESTIMATE_TOPICS[0]
     estimates = np.full(len(payloads[first.name]) // first.layout.itemsize, np.nan, dtype=ESTIMATE)
-    for topic in ESTIMATE_TOPICS:
+    for topic in (*ESTIMATE_TOPICS, *[TOLD_WIND_TOPIC] * bool(payloads[TOLD_WIND_TOPIC.name])):
         rows: NDArray[np.void] = np.frombuffer(payloads[topic.name], dtype=topic.layout)
         decode(topic, rows, estimates)
         estimates["time_us"] = times_us(rows)

@@ -90,6 +90,8 @@ ESTIMATE_TOPICS = (
     Topic("/autopilot/setpoint", _QUATERNION, MAP_NED, 4, {"setpoint_q_NB": _SCALAR_LAST}),
 )
 """Attitude and set-point as a real autopilot reported them."""
+TOLD_WIND_TOPIC = Topic("/autopilot/wind", _VECTOR, MAP_NED, 3, {"told_wind_N": _LINEAR})
+"""Wind as a real autopilot estimates it, if it tells one."""
 
 
 ANGLE_TOPICS = tuple(

@@ -68,6 +68,8 @@ class FlightOutcome(Enum):
     """A real autopilot stopped its motors."""
     LEFT_MODE = "the autopilot left the mode that follows set-points"
     """A real autopilot went over to a mode of its own, such as a fail-safe."""
+    GPS_LOST = "the autopilot gave up without satellites"
+    """A real autopilot left its mode or disarmed while an event `gps_lost` lasted; the message tells how."""
     INTERRUPTED = "interrupted"
     """Ctrl-C."""
     CUT_OFF = "cut off; what its journal held has been recovered"

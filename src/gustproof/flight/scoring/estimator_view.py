@@ -1,4 +1,4 @@
-"""Attitude errors of a real autopilot as it sees them itself, beside the true ones.
+"""Errors of a real autopilot's attitude and wind as it sees them itself, beside the true ones.
 
 An autopilot steers its own estimate to its own set-point. So its loops are judged by the error that it sees, and its
 estimator by the difference to the truth. A heading error of its compass stands in the true error as a mean.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_model.numerics.rotations import euler_angles
+from firmware_model.numerics.rotations import euler_angles, rotate_rows
 from firmware_model.types import Vector
 from gustproof.types import Array, Records
 
@@ -30,6 +30,24 @@ class EstimatorView:
     """[deg] the same with each axis' mean removed."""
     estimate_axes_deg: tuple[float, float, float]
     """[deg] root mean square of estimated minus true roll, pitch, yaw."""
+    wind: "WindView | None" = None
+    """The wind that it estimates; `None` if it tells none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindView:
+    """Wind that an autopilot estimates, beside the true velocity of the air at the vehicle; level, blowing toward."""
+
+    told_mps: tuple[float, float]
+    """[m/s] mean estimate, north and east."""
+    true_mps: tuple[float, float]
+    """[m/s] mean of the true air at the same times, north and east."""
+    rmse_mps: float
+    """[m/s] root mean square of the length of the estimate minus the true air."""
+    mean_error_mps: float
+    """[m/s] length of the mean of the estimate minus the true air."""
+    air_rms_mps: float
+    """[m/s] root mean square of the length of the true air minus its mean: gusts that a slow estimate misses."""
 
 
 def compare_estimates(records: Records, estimates: Records) -> EstimatorView | None:
@@ -53,6 +71,26 @@ def compare_estimates(records: Records, estimates: Records) -> EstimatorView | N
         true_control_rmse_deg=_rms(true_control),
         true_control_steady_deg=_rms(true_control - true_control.mean(axis=0)),
         estimate_axes_deg=(roll, pitch, yaw),
+        wind=_compare_winds(records[rows], estimates),
+    )
+
+
+def _compare_winds(records: Records, estimates: Records) -> WindView | None:
+    """Return the errors of the winds that `estimates` (m,) tell beside `records` (m,) of the same times, if any."""
+    told = np.isfinite(estimates["told_wind_N"][:, :2]).all(axis=1)
+    if not told.any():
+        return None
+    records, wind = records[told], estimates["told_wind_N"][told, :2]
+    air = (records["wind_N"] + rotate_rows(records["q_NB"], records["gust_B"]))[:, :2]
+    error, gusts = wind - air, air - air.mean(axis=0)
+    told_north, told_east = wind.mean(axis=0).tolist()
+    north, east = air.mean(axis=0).tolist()
+    return WindView(
+        told_mps=(told_north, told_east),
+        true_mps=(north, east),
+        rmse_mps=float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        mean_error_mps=float(np.linalg.norm(error.mean(axis=0))),
+        air_rms_mps=float(np.sqrt(np.mean(np.sum(gusts**2, axis=1)))),
     )
 
 

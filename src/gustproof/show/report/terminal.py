@@ -120,6 +120,12 @@ def estimator_view_lines(view: EstimatorView) -> Iterable[str]:
         f"its attitude is wrong by RMSE {format_number(view.estimate_rmse_deg)} deg (roll {roll}, pitch {pitch}, "
         f"yaw {yaw}), {format_number(view.estimate_steady_deg)} with each axis' mean removed"
     )
+    if wind := view.wind:
+        told, true = (", ".join(map(format_number, pair)) for pair in (wind.told_mps, wind.true_mps))
+        yield (
+            f"its wind: {told} m/s to north and east in the mean, {true} in truth; wrong by RMSE "
+            f"{format_number(wind.rmse_mps)} m/s, where the air's own gusts have {format_number(wind.air_rms_mps)}"
+        )
 
 
 def timing_lines(timing: Mapping[str, Any]) -> Iterable[str]:

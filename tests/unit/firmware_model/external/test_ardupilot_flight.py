@@ -42,6 +42,12 @@ translation = "{translation}"
 kind = "dryden"
 wind_speed_20ft_mps = 10.0
 """
+LOST = """
+[[event]]
+kind = "gps_lost"
+at_s = 0.25
+for_s = 0.5
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -52,10 +58,15 @@ def _impatient(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
 
 
 def fly(
-    folder: Path, capsys: pytest.CaptureFixture[str], *options: str, translation: str = "held", build: str = str(PEER)
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    *options: str,
+    translation: str = "held",
+    build: str = str(PEER),
+    events: str = "",
 ) -> dict[str, Any]:
     folder.mkdir(exist_ok=True)
-    (folder / "short.toml").write_text(SCRIPT.format(translation=translation))
+    (folder / "short.toml").write_text(SCRIPT.format(translation=translation) + events)
     status = main(
         ["--autopilot", "ardupilot", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
          "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
@@ -223,6 +234,18 @@ def test_flight_that_ends_early_tells_how(
     assert facts["outcome"] == outcome
     assert said in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) >= (0 if outcome == "wrong_build" else 1)
+
+
+@pytest.mark.parametrize(("fault", "outcome"), [("lost", "gps_lost"), ("", "done")])
+def test_loss_of_the_fix_is_flown_and_an_end_by_it_has_a_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
+) -> None:
+    monkeypatch.setenv("PEER_FAULT", fault)
+    facts = fly(tmp_path, capsys, events=LOST)
+    assert facts["outcome"] == outcome
+    if fault:
+        assert "s without a fix it left GUIDED for mode 9" in facts["reason"]
+        assert 100 <= len(read_journal(tmp_path / "flight.journal")[1]) < 300
 
 
 def test_program_that_is_not_one_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ from firmware_model.external.client import Estimate, ExternalClient, describe_re
 from firmware_model.external.dialect import Dialect
 from firmware_model.external.px4 import SimulatorLink
 from firmware_model.external.read_back import ParameterReader
+from firmware_model.external.readings import Readings
 from firmware_model.mavlink.frames import Address, Frame, Message, RejectReason, parse
 from firmware_model.types import AttitudeTarget
 
@@ -49,7 +50,7 @@ def asked(client: ExternalClient, now_us: int) -> list[int]:
 def test_mode_arming_and_law_are_asked_for_in_turn_until_they_are_there(client: ExternalClient) -> None:
     assert asked(client, 0) == []  # before the autopilot has spoken
     say(client, beat())
-    assert asked(client, 1) == [512, 511, 511]
+    assert asked(client, 1) == [512, 511, 511, 511]
     assert asked(client, 2) == []  # not before the next try
     say(client, wire.MAVLink_attitude_quaternion_message(0, *LEVEL, 0.0, 0.0, 0.0))
     say(
@@ -112,8 +113,25 @@ def test_estimates_hold_the_set_point_that_was_told_before(client: ExternalClien
     first, second = client.take_estimates()
     assert first[:2] == (20_000, LEVEL)
     assert all(map(math.isnan, first.setpoint_q_NB))
-    assert second == Estimate(20_000, LEVEL, (0.0, 1.0, 0.0, 0.0))
+    assert second[:3] == Estimate(20_000, LEVEL, (0.0, 1.0, 0.0, 0.0))[:3]
     assert client.take_estimates() == []
+
+
+@pytest.mark.parametrize(
+    ("told", "blows_N"),
+    [
+        (wire.MAVLink_wind_cov_message(20, 3.0, -4.0, 0.0, 1.0, 0.0, 50.0, 0.0, 0.0), (3.0, -4.0, 0.0)),
+        (wire.MAVLink_wind_message(90.0, math.hypot(4.0, 3.0), 3.0), (0.0, -4.0, 3.0)),  # from the east
+    ],
+)
+def test_winds_of_either_autopilot_blow_toward(
+    client: ExternalClient, told: Message, blows_N: tuple[float, ...]
+) -> None:
+    attitude = wire.MAVLink_attitude_quaternion_message(20, *LEVEL, 0.0, 0.0, 0.0)
+    say(client, attitude, told, attitude)
+    first, second = client.take_estimates()
+    assert all(map(math.isnan, first.told_wind_N))
+    assert second.told_wind_N == pytest.approx(blows_N, abs=1e-6)
 
 
 def test_target_goes_to_the_law_inside_as_an_array(client: ExternalClient) -> None:
@@ -173,3 +191,22 @@ def test_ping_follows_a_set_point_and_its_own_echo_is_awaited(client: ExternalCl
     client.wants_echo = False
     assert "PING" not in [message.get_type() for message in sent(client, 40_000)]
     assert not client.awaits_echo
+
+
+def test_parameter_set_in_flight_is_sent_until_it_is_told_back_or_unknown(client: ExternalClient) -> None:
+    say(client, beat(armed=True))
+    client.set_parameters({"SIM_GPS1_ENABLE": 0.0, "SIM_GPS_DISABLE": 1.0})
+    found = []
+    for turn in range(7):
+        found.append([m.param_id for m in sent(client, 20_000 * turn) if m.get_type() == "PARAM_SET"])
+        say(client, wire.MAVLink_param_value_message(b"SIM_GPS1_ENABLE", 0.0, 9, 1, 0))
+    assert found == [["SIM_GPS1_ENABLE", "SIM_GPS_DISABLE"], *[["SIM_GPS_DISABLE"]] * 4, [], []]
+
+
+@pytest.mark.parametrize(("has_fix", "told"), [(True, (3, 12)), (False, (0, 0))])
+def test_px4_is_told_whether_its_receiver_has_a_fix(has_fix: bool, told: tuple[int, int]) -> None:
+    zeros = (0.0, 0.0, 0.0)
+    readings = Readings(0, zeros, zeros, zeros, 1013.25, 15.0, *[zeros] * 4, LEVEL, zeros, zeros, has_fix)
+    frames = [item.message() for item in parse(SimulatorLink().pack(readings)) if isinstance(item, Frame)]
+    (gps,) = [message for message in frames if message.get_type() == "HIL_GPS"]
+    assert (gps.fix_type, gps.satellites_visible) == told

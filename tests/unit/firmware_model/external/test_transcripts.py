@@ -4,8 +4,7 @@ A transcript holds what the autopilot sent, exchange by exchange. Our world and 
 send what they sent then, to the bit. With GUSTPROOF_PX4 or GUSTPROOF_ARDUPILOT, a build, a new session is recorded,
 flown again, and left in the test's folder. What changes our side of the talk needs that file in `transcripts`.
 
-PX4's is of March 2026. ArduPilot's is of July 2025; its answers for the frame, the motors and the rate, which were not
-asked for then, were put in by hand.
+PX4's is of March 2026. ArduPilot's is of ArduCopter 4.6.3.
 """
 
 import hashlib

@@ -25,7 +25,7 @@ def flown(axis: int, degrees: list[float]) -> np.ndarray:
 def told(axis: int, times_us: list[float], degrees: list[float], wanted: list[float]) -> np.ndarray:
     estimates = np.zeros(len(degrees), dtype=ESTIMATE)
     estimates["time_us"], estimates["q_NB"] = times_us, turned(axis, degrees)
-    estimates["setpoint_q_NB"] = turned(axis, wanted)
+    estimates["setpoint_q_NB"], estimates["told_wind_N"] = turned(axis, wanted), np.nan
     return estimates
 
 
@@ -57,6 +57,23 @@ def test_headings_on_both_sides_of_the_south_are_near() -> None:
     view = compare_estimates(flown(2, [179.0, 179.0]), told(2, [0.0, 4000.0], [-179.0, -179.0], [-179.0, -179.0]))
     assert view is not None
     assert view.estimate_rmse_deg == pytest.approx(2.0 / math.sqrt(3.0))
+
+
+def test_wind_is_judged_by_the_level_air_at_the_vehicle_while_it_is_told() -> None:
+    records = flown(2, [90.0, 90.0, 90.0])
+    records["wind_N"], records["gust_B"] = (4.0, 0.0, 9.0), [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]
+    three = told(2, [0.0, 4000.0, 8000.0], [90.0] * 3, [90.0] * 3)
+    view = compare_estimates(records, three)
+    assert view is not None
+    assert view.wind is None
+    three["told_wind_N"][1:] = 4.0, 2.0, 0.0  # the gusts blow east and west: it is 1 and 3 m/s off
+    view = compare_estimates(records, three)
+    assert view is not None
+    assert view.wind is not None
+    assert view.wind.told_mps == (4.0, 2.0)
+    assert view.wind.true_mps == pytest.approx((4.0, 0.0), abs=1e-12)
+    found = view.wind.rmse_mps, view.wind.mean_error_mps, view.wind.air_rms_mps
+    assert found == pytest.approx((math.sqrt(5.0), 2.0, 1.0))
 
 
 def test_steady_error_is_about_the_reference_from_its_sample_on() -> None:

@@ -28,6 +28,11 @@ _OWN_VIEW = {
     "estimate_rmse_deg": "RMSE of the autopilot's own attitude",
     "estimate_steady_deg": "the same, with each axis' mean removed",
 }
+_OWN_WIND = {
+    "rmse_mps": "RMSE of the autopilot's own wind",
+    "mean_error_mps": "the same, of its mean",
+    "air_rms_mps": "RMS of the air's gusts about their mean",
+}
 _PACE = {
     "missed": "missed deadlines",
     "held": "repeated set-points",
@@ -122,6 +127,9 @@ def _own_views(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]
     for name, label in _OWN_VIEW.items():
         values = [getattr(run.estimator_view, name, math.nan) for run in runs]
         yield f"{label} [deg]", ["" if math.isnan(value) else format_number(value) for value in values]
+    winds = [run.estimator_view.wind if run.estimator_view else None for run in runs]
+    for name, label in _OWN_WIND.items():
+        yield f"{label} [m/s]", ["" if wind is None else format_number(getattr(wind, name)) for wind in winds]
 
 
 def _figures(runs: Sequence[ReportRun]) -> Iterator[tuple[str, Sequence[str]]]:
