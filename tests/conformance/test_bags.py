@@ -206,7 +206,10 @@ LONG = {
 @pytest.mark.parametrize("spoil", LONG.values(), ids=LONG)
 @pytest.mark.parametrize("size", [13, 1000, 1001])
 def test_a_bag_of_many_blocks_is_that_of_one(tmp_path, monkeypatch, spoil, size):
-    records, estimates = flight(2000, rates=True), np.random.default_rng(3).standard_normal(900).view(ESTIMATE)
+    records, estimates = (
+        flight(2000, rates=True),
+        np.random.default_rng(3).standard_normal(100 * ESTIMATE.itemsize // 8).view(ESTIMATE),
+    )
     records["time_us"], estimates["time_us"] = np.arange(2000) * 4000.0, np.arange(100) * 20_000.0
     yaw = np.cumsum(np.random.default_rng(4).uniform(-1.0, 2.0, len(records)))  # many turns, some of them back
     records["q_NB"] = np.column_stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)])
