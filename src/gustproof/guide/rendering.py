@@ -52,6 +52,7 @@ def render_markdown(text: str, terms: Mapping[str, str] | None = None) -> tuple[
     page = re.sub("<table>", lambda _: _WIDE.format(next(numbers)), page)
     page = page.replace("</table>", "</table></div>").replace("<th>", '<th scope="col">')
     page = re.sub(r'(<h[2-4] id="([^"]+)">.*?)(</h)', _ANCHORED, page)
+    page = re.sub(r'<img src="([^"]+)"[^>]*>', r'<a href="\1" title="Enlarge the picture">\g<0></a>', page)
     return page.replace("<pre>", '<pre tabindex="0">'), list(_list_sections(tokens))
 
 

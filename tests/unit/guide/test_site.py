@@ -162,7 +162,7 @@ def test_markdown_is_rendered_without_raw_html():
     assert "<script>" not in shown
     assert [(part.level, part.anchor, part.title) for part in sections] == [(1, "a-b", "A b")]
     assert 'href="px4.html#a"' in shown
-    assert 'src="x.png"' in shown
+    assert '<a href="x.png" title="Enlarge the picture"><img src="x.png"' in shown
     assert '<h1 id="a-b">' in shown
     assert '<th scope="col">a</th>' in shown
     assert heading_anchor("`fly SCENARIO --law`, a flight") == "fly-scenario---law-a-flight"

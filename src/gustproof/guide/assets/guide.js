@@ -5,7 +5,7 @@ const showSections = () => { if (sections) sections.open = wide.matches; };
 wide.addEventListener("change", showSections);
 showSections();
 
-for (const block of document.querySelectorAll("main pre")) {
+for (const block of document.querySelectorAll("main pre:not(:has(> .language-text))")) {
   const frame = document.createElement("div"), button = document.createElement("button");
   frame.className = "copied";
   button.type = "button";
