@@ -17,8 +17,9 @@ import numpy as np
 from scipy.signal import lfilter, lfilter_zi, welch
 
 from firmware_model.config.gyro_filters import Biquad, gyro_filters
+from gustproof.logs.identify.rate_response import Indices
 from gustproof.logs.identify.rates import is_whole
-from gustproof.logs.identify.stretches import Indices, sample_time
+from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.types import Array
 

@@ -283,7 +283,7 @@ def _guess(group: list[AxisData], lag: float, delay: float) -> Array:
     """Return a first guess of all parameters."""
     parts = [np.array([np.log(lag), delay])]
     for data in group:
-        rate, dt = data.rate(), float(np.median(np.diff(data.time)))
+        rate, dt = data.rate, float(np.median(np.diff(data.time)))
         noise = float(np.var(np.diff(rate, 2))) / 6.0 + 1e-14
         power = float(np.var(np.diff(rate))) / dt**2 + 1e-8
         theta = np.array([np.log(lag), delay, 0.3, *np.log([noise, 0.5, power, 30.0, 10.0 * power])])

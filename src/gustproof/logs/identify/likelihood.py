@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gustproof.logs.identify.rate_response import prediction_errors
-from gustproof.logs.identify.stretches import Indices, Stretch
+from gustproof.logs.identify.rate_response import Indices, prediction_errors
+from gustproof.logs.identify.stretches import Stretch
 from gustproof.types import Array
 
 LAG, DELAY, DAMPING, NOISE, SLOW, SLOW_DRIVE, FAST, FAST_DRIVE, GAINS = range(9)
@@ -93,20 +93,28 @@ class AxisData:
         model = np.array([np.exp(theta[LAG]), theta[DELAY], theta[DAMPING]])
         return np.concatenate([s.response(self.channels, model, square=self.square) for s in self.stretches])
 
+    @cached_property
     def rate(self) -> Array:
-        """Return the measured rate (n,) [rad/s]."""
+        """(n,) [rad/s] measured."""
         return np.concatenate([s.rate[:, self.axis] for s in self.stretches])
 
-    def predict(self, theta: Array, response: Array | None = None) -> RatePrediction:
-        """Return the prediction under `theta`, whose `response` may be known."""
-        response = self.response(theta) if response is None else response
-        signals = np.column_stack([self.rate(), response])
-        out, variance = np.empty_like(signals), np.empty(len(signals))
+    def unexplained(self, response: Array, gains: Array) -> Array:
+        """Return the measured rate (n, 1) [rad/s] less the `response` (n, k) to the channels times their gains (k,)."""
+        return np.asarray(self.rate - response @ gains)[:, None]
+
+    def predict(self, theta: Array) -> RatePrediction:
+        """Return the prediction under `theta`."""
+        response = self.response(theta)
+        return RatePrediction(response, *self.predict_signals(theta, np.column_stack([self.rate, response])))
+
+    def predict_signals(self, theta: Array, signals: Array) -> tuple[Array, Array]:
+        """Return the errors (n, k) of predicting signals (n, k) under `theta`, and their variance (n,)."""
+        errors, variance = np.empty_like(signals), np.empty(len(signals))
         model = np.array([theta[DAMPING], *np.exp(theta[NOISE:GAINS])])
         state = np.empty((3, signals.shape[1]))
-        prediction_errors(self.time, self._count, self._start, signals, model, state, out, variance)
-        out[self._start != 0.0] = 0.0
-        return RatePrediction(response, out, variance)
+        prediction_errors(self.time, self._count, self._start, signals, model, state, errors, variance)
+        errors[self._start != 0.0] = 0.0
+        return errors, variance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,14 +162,17 @@ def linearise(data: AxisData, theta: Array, found: RatePrediction) -> _Linear:
     The axis is predicted under `theta`.
     """
     response, errors, variance = found
-    error = errors[:, 0] - errors[:, 1:] @ theta[GAINS:]
-    d_error, d_variance = np.empty((len(error), data.size)), np.zeros((len(error), data.size))
+    gains = theta[GAINS:]
+    error, rest = errors[:, 0] - errors[:, 1:] @ gains, data.unexplained(response, gains)
+    d_error = np.empty((len(error), data.size), order="F")
+    d_variance = np.zeros_like(d_error)
     d_error[:, GAINS:] = -errors[:, 1:]
     for i in range(GAINS):
         near = theta.copy()
         near[i] += _STEP[i]
-        _, moved, its_variance = data.predict(near, None if i <= DAMPING else response)
-        d_error[:, i] = (moved[:, 0] - moved[:, 1:] @ theta[GAINS:] - error) / _STEP[i]
+        moved = rest if i > DAMPING else data.unexplained(data.response(near), gains)
+        its_error, its_variance = data.predict_signals(near, moved)
+        d_error[:, i] = (its_error[:, 0] - error) / _STEP[i]
         d_variance[:, i] = (its_variance - variance) / _STEP[i]
     return _Linear(error=error, variance=variance, d_error=d_error, d_variance=d_variance)
 

@@ -5,8 +5,16 @@ Both are exact for samples at any times, so a log is never resampled: lost sampl
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firmware_model.numerics.compiled import compiled, kernel
 from gustproof.types import Array
+
+Indices = NDArray[np.int64]
+_SAME = 1e-12
+"""[s] steps that differ by no more, as sums of stamps do, share their exponentials. So do those from sample to sample,
+from or to a change of the command, or between two, if each kind is even."""
 
 
 @kernel
@@ -18,29 +26,51 @@ def _decay_integral(rate: float, decay: float, h: float, damping: float) -> floa
 
 @compiled
 def command_response(
-    command_time: Array, command: Array, time: Array, model: Array, square: bool, state: Array, response: Array
+    command_time: Array,
+    command: Array,
+    time: Array,
+    bins: Indices,
+    model: Array,
+    square: bool,
+    state: Array,
+    steps: Array,
+    response: Array,
 ) -> None:
-    """Write the rate's response (n, k) at `time` (n,) [s] to k commands, from rest, per unit of angular acceleration.
+    """Write the rate's response (b, k) to k commands, from rest, per unit of angular acceleration.
 
-    Each of the commands (m, k) is held from its `command_time` (m,) [s] plus delay and passes a first-order lag, which
+    It is the mean of that at the `time` (n,) [s] of the samples of each bin; `bins` (b,) holds the first of each. Each
+    of the commands (m, k) is held from its `command_time` (m,) [s] plus delay and passes a first-order lag, which
     starts settled. Squared if `square`, it drives a rate that decays by its damping. `model` holds lag [s],
-    delay [s], damping [1/s]; `state` (2, k) is work space.
+    delay [s], damping [1/s]; `state` (2, k) and `steps` (4, 6) are work space.
     """
     lag, delay, damping = model[0], model[1], model[2]
     channels, last, j = command.shape[1], command_time.size - 1, 0
     for c in range(channels):
         state[0, c], state[1, c] = command[0, c], 0.0
-    now = command_time[0] + delay
+    now, b = command_time[0] + delay, -1
+    response[:], steps[:] = 0.0, -1.0
+    ends = 0
     for k in range(time.size):
+        if b + 1 < bins.size and bins[b + 1] == k:
+            b += 1
         while now < time[k]:
-            until = time[k]
+            until, begins, ends = time[k], ends, 0
             if j < last and command_time[j + 1] + delay < until:
-                until = command_time[j + 1] + delay
-            h = until - now
-            decay, fall = math.exp(-damping * h), math.exp(-h / lag)
-            held = _decay_integral(0.0, decay, h, damping)
-            once = _decay_integral(1.0 / lag, decay, h, damping)
-            twice = _decay_integral(2.0 / lag, decay, h, damping) if square else 0.0
+                until, ends = command_time[j + 1] + delay, 1
+            h, kind = until - now, 2 * begins + ends
+            if abs(h - steps[kind, 0]) > _SAME:
+                decay, fall = math.exp(-damping * h), math.exp(-h / lag)
+                steps[kind, 0], steps[kind, 1], steps[kind, 2] = h, decay, fall
+                steps[kind, 3] = _decay_integral(0.0, decay, h, damping)
+                steps[kind, 4] = _decay_integral(1.0 / lag, decay, h, damping)
+                steps[kind, 5] = _decay_integral(2.0 / lag, decay, h, damping) if square else 0.0
+            decay, fall, held, once, twice = (
+                steps[kind, 1],
+                steps[kind, 2],
+                steps[kind, 3],
+                steps[kind, 4],
+                steps[kind, 5],
+            )
             for c in range(channels):
                 u, step = command[j, c], state[0, c] - command[j, c]
                 gained = (
@@ -51,7 +81,11 @@ def command_response(
                 j += 1
             now = until
         for c in range(channels):
-            response[k, c] = state[1, c]
+            response[b, c] += state[1, c]
+    for b in range(bins.size):
+        end = bins[b + 1] if b + 1 < bins.size else time.size
+        for c in range(channels):
+            response[b, c] /= end - bins[b]
 
 
 @compiled

@@ -64,7 +64,8 @@ def test_filters_of_the_gyro_are_none_of_the_vehicle(system: str, hertz: int, la
     assert any(line.startswith("lag: none is seen") for line in found.findings) == (lag == 0.0)
     assert found.lateness is not None
     assert found.actuator_lag is not None
-    assert found.actuator_lag.nominal == pytest.approx(lag, abs=0.0025 if lag else 0.001)
+    # without a lag, the least of the search stands for it
+    assert found.actuator_lag.nominal == pytest.approx(lag or 0.001, abs=0.0025 if lag else 1e-9)
     assert found.lateness.nominal == pytest.approx(lag + DELAY, abs=0.0025)
     for axis in found.axes:
         assert axis.gain is not None

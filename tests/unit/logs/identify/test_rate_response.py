@@ -13,7 +13,8 @@ def test_command_response_is_that_of_a_fine_integration(square):
     command_time, time = np.sort(random.uniform(0.0, 0.3, 40)), np.sort(random.uniform(0.0, 0.35, 60))
     command, response = random.standard_normal((40, 2)), np.empty((60, 2))
     model = np.array([LAG, DELAY, DAMPING])
-    command_response(command_time, command, time, model, square, np.empty((2, 2)), response)
+    bins, work = np.arange(60), (np.empty((2, 2)), np.empty((4, 6)))
+    command_response(command_time, command, time, bins, model, square, *work, response)
     h = 5e-6
     fine = np.arange(command_time[0] + DELAY, time[-1], h)
     held = command[np.searchsorted(command_time + DELAY, fine + 1e-12, side="right") - 1]
@@ -24,6 +25,22 @@ def test_command_response_is_that_of_a_fine_integration(square):
         speed, rates[k] = u + (speed - u) * np.exp(-h / LAG), rate
     expected = np.column_stack([np.interp(time, fine + h, column, left=0.0) for column in rates.T])
     assert response == pytest.approx(expected, abs=2e-5)
+    pairs = np.empty((30, 2))
+    command_response(command_time, command, time, bins[::2].copy(), model, square, *work, pairs)
+    assert pairs == pytest.approx(0.5 * (response[::2] + response[1::2]), rel=1e-12)
+
+
+def test_command_response_at_even_steps_shares_their_exponentials():
+    """Stamps of microseconds differ by rounding; a lost sample, and a command between samples, take others."""
+    random = np.random.default_rng(3)
+    command_time, time = 0.013 + np.arange(30) / 50.0, np.delete(np.arange(120) / 200.0, 50)
+    command, model, bins = random.standard_normal((30, 1)), np.array([LAG, DELAY, DAMPING]), np.arange(119)
+    work = np.empty((2, 1)), np.empty((4, 6))
+    even, uneven = np.empty((119, 1)), np.empty((119, 1))
+    command_response(command_time, command, time, bins, model, False, *work, even)
+    moved = time + random.uniform(-2e-10, 2e-10, 119)
+    command_response(command_time, command, moved, bins, model, False, *work, uneven)
+    assert even == pytest.approx(uneven, abs=1e-8)
 
 
 def test_prediction_errors_are_those_of_the_joint_distribution():
