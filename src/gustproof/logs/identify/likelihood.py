@@ -98,7 +98,7 @@ class AxisData:
         """(n,) [rad/s] measured."""
         return np.concatenate([s.rate[:, self.axis] for s in self.stretches])
 
-    def unexplained(self, response: Array, gains: Array) -> Array:
+    def subtract(self, response: Array, gains: Array) -> Array:
         """Return the measured rate (n, 1) [rad/s] less the `response` (n, k) to the channels times their gains (k,)."""
         return np.asarray(self.rate - response @ gains)[:, None]
 
@@ -163,14 +163,14 @@ def linearise(data: AxisData, theta: Array, found: RatePrediction) -> _Linear:
     """
     response, errors, variance = found
     gains = theta[GAINS:]
-    error, rest = errors[:, 0] - errors[:, 1:] @ gains, data.unexplained(response, gains)
+    error, rest = errors[:, 0] - errors[:, 1:] @ gains, data.subtract(response, gains)
     d_error = np.empty((len(error), data.size), order="F")
     d_variance = np.zeros_like(d_error)
     d_error[:, GAINS:] = -errors[:, 1:]
     for i in range(GAINS):
         near = theta.copy()
         near[i] += _STEP[i]
-        moved = rest if i > DAMPING else data.unexplained(data.response(near), gains)
+        moved = rest if i > DAMPING else data.subtract(data.response(near), gains)
         its_error, its_variance = data.predict_signals(near, moved)
         d_error[:, i] = (its_error[:, 0] - error) / _STEP[i]
         d_variance[:, i] = (its_variance - variance) / _STEP[i]

@@ -43,13 +43,12 @@ def command_response(
     starts settled. Squared if `square`, it drives a rate that decays by its damping. `model` holds lag [s],
     delay [s], damping [1/s]; `state` (2, k) and `steps` (4, 6) are work space.
     """
-    lag, delay, damping = model[0], model[1], model[2]
+    delay = model[1]
     channels, last, j = command.shape[1], command_time.size - 1, 0
     for c in range(channels):
         state[0, c], state[1, c] = command[0, c], 0.0
-    now, b = command_time[0] + delay, -1
+    now, b, ends = command_time[0] + delay, -1, 0
     response[:], steps[:] = 0.0, -1.0
-    ends = 0
     for k in range(time.size):
         if b + 1 < bins.size and bins[b + 1] == k:
             b += 1
@@ -59,33 +58,44 @@ def command_response(
                 until, ends = command_time[j + 1] + delay, 1
             h, kind = until - now, 2 * begins + ends
             if abs(h - steps[kind, 0]) > _SAME:
-                decay, fall = math.exp(-damping * h), math.exp(-h / lag)
-                steps[kind, 0], steps[kind, 1], steps[kind, 2] = h, decay, fall
-                steps[kind, 3] = _decay_integral(0.0, decay, h, damping)
-                steps[kind, 4] = _decay_integral(1.0 / lag, decay, h, damping)
-                steps[kind, 5] = _decay_integral(2.0 / lag, decay, h, damping) if square else 0.0
-            decay, fall, held, once, twice = (
-                steps[kind, 1],
-                steps[kind, 2],
-                steps[kind, 3],
-                steps[kind, 4],
-                steps[kind, 5],
-            )
-            for c in range(channels):
-                u, step = command[j, c], state[0, c] - command[j, c]
-                gained = (
-                    u * u * held + 2.0 * u * step * once + step * step * twice if square else u * held + step * once
-                )
-                state[0, c], state[1, c] = u + step * fall, decay * state[1, c] + gained
+                _write_step(h, model, square, steps[kind])
+            _advance(state, command[j], steps[kind], square)
             if until < time[k]:
                 j += 1
             now = until
         for c in range(channels):
             response[b, c] += state[1, c]
+    _divide(response, bins, time.size)
+
+
+@kernel
+def _divide(sums: Array, bins: Indices, size: int) -> None:
+    """Divide the sums (b, k) over bins by the count of their samples, of `size` in all."""
     for b in range(bins.size):
-        end = bins[b + 1] if b + 1 < bins.size else time.size
-        for c in range(channels):
-            response[b, c] /= end - bins[b]
+        end = bins[b + 1] if b + 1 < bins.size else size
+        for c in range(sums.shape[1]):
+            sums[b, c] /= end - bins[b]
+
+
+@kernel
+def _advance(state: Array, command: Array, step: Array, square: bool) -> None:
+    """Advance lags and rates (2, k) by a step under commands (k,), with the constants (6,) of `_write_step`."""
+    decay, fall, held, once, twice = step[1], step[2], step[3], step[4], step[5]
+    for c in range(command.size):
+        u, apart = command[c], state[0, c] - command[c]
+        gained = u * u * held + 2.0 * u * apart * once + apart * apart * twice if square else u * held + apart * once
+        state[0, c], state[1, c] = u + apart * fall, decay * state[1, c] + gained
+
+
+@kernel
+def _write_step(h: float, model: Array, square: bool, step: Array) -> None:
+    """Write the constants (6,) of a step of `h` [s] under one command, see `command_response`."""
+    lag, damping = model[0], model[2]
+    decay = math.exp(-damping * h)
+    step[0], step[1], step[2] = h, decay, math.exp(-h / lag)
+    step[3] = _decay_integral(0.0, decay, h, damping)
+    step[4] = _decay_integral(1.0 / lag, decay, h, damping)
+    step[5] = _decay_integral(2.0 / lag, decay, h, damping) if square else 0.0
 
 
 @compiled
