@@ -183,6 +183,12 @@ class Scenario:
         )
 
     @property
+    def unread(self) -> str:
+        """Line on an event that our own autopilot does not notice, as it reads no satellites; empty without one."""
+        lost = next((i for i, each in enumerate(self.event) if isinstance(each, events.GpsLoss)), None)
+        return "" if lost is None else f"event.{lost}: gps_lost is of real autopilots, no law here reads satellites"
+
+    @property
     def has_link_script(self) -> bool:
         """True if the script involves modes, the controller or its link."""
         return bool(self.link) or any(isinstance(item, events.ControllerEvent) for item in self.event)

@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from firmware_model.autopilot.modes import Mode
+from firmware_model.config.events import GpsLoss
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
@@ -107,6 +108,12 @@ def test_law_of_another_rate_is_refused_before_anything_starts(tmp_path):
     law = replace(load_law("hinf-d1"), dt=0.01)
     with pytest.raises(ConfigError, match=r"steps every 0\.01 s"):
         fly(MINUTE, law, vehicle=load_vehicle("paper"), out=tmp_path)
+
+
+def test_an_event_that_no_law_notices_is_refused_before_anything_starts(tmp_path):
+    with pytest.raises(ConfigError, match=r"event\.0: gps_lost is of real autopilots"):
+        fly(replace(MINUTE, event=(GpsLoss(kind="gps_lost", at_s=1.0),)), load_law("hinf-d1"), out=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_journal_is_never_overwritten(tmp_path):

@@ -254,7 +254,7 @@ def check_compatible(scenario: Scenario, law: Law | Library) -> None:
 def _check_rate(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
     if law.dt not in (None, scenario.dt):
         raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    if isinstance(law, Law) and (line := describe_untracked(scenario, law)):
+    if line := scenario.unread or (describe_untracked(scenario, law) if isinstance(law, Law) else ""):
         raise ValueError(line)
 
 

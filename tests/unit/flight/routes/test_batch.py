@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_model.config.events import ActuatorEffect, AttitudeReference, GyroBias, Payload, RotorFailure
+from firmware_model.config.events import ActuatorEffect, AttitudeReference, GpsLoss, GyroBias, Payload, RotorFailure
 from firmware_model.config.requirement import Metric, Requirement
 from firmware_model.config.scenario import NoiseRotation, list_scenarios, load_scenario
 from firmware_model.config.vehicle import Battery, load_vehicle
@@ -221,6 +221,8 @@ def test_a_law_of_another_rate_and_a_script_of_messages_are_refused():
         fly_many(SHORT, replace(LAW, dt=0.001), cases(1))
     with pytest.raises(ValueError, match="must be flown with messages"):
         fly_many(load_scenario("controller-crash"), LAW, cases(1))
+    with pytest.raises(ValueError, match=r"event\.0: gps_lost is of real autopilots"):
+        fly_many(replace(SHORT, event=(GpsLoss(kind="gps_lost", at_s=0.1),)), LAW, cases(1))
 
 
 def test_no_cases_are_no_flights():
