@@ -112,10 +112,13 @@ def _vehicle_table(flight: LoggedFlight) -> tuple[Sequence[str], Sequence[Sequen
 
 
 def doubts(flight: LoggedFlight) -> tuple[str, ...]:
-    """Return the doubts on log and vehicle, a line each."""
-    if flight.shown is not None:
-        return flight.shown.findings
-    return (*flight.log.findings, flight.no_vehicle)
+    """Return the doubts on log and vehicle, a line each; what `no_judgement` has said is not said again."""
+    told = flight.no_judgement
+    return tuple(line for line in _findings(flight) if line.removeprefix(f"{flight.log.source}: ") not in told)
+
+
+def _findings(flight: LoggedFlight) -> tuple[str, ...]:
+    return (*flight.log.findings, flight.no_vehicle) if flight.shown is None else flight.shown.findings
 
 
 def flight_document(flight: LoggedFlight) -> dict[str, Any]:
@@ -163,7 +166,7 @@ def flight_document(flight: LoggedFlight) -> dict[str, Any]:
         "no_vehicle": flight.no_vehicle,
         "judgement": None if flight.judgement is None else flight.judgement.to_dict(),
         "no_judgement": flight.no_judgement,
-        "findings": list(doubts(flight)),
+        "findings": list(_findings(flight)),
     }
 
 
