@@ -108,6 +108,8 @@ def _number(value: float | None) -> str:
 
 
 def _describe_peak(found: Judgement) -> tuple[str, str]:
+    if found.Ms_over_spreads is None:
+        return _number(found.Ms), ""
     found_only = "" if found.is_proved else "found "
     return _number(found.Ms), f"{found_only}{describe_spread_peak(found)}"
 
@@ -121,7 +123,7 @@ def _describe_gust(found: Judgement) -> tuple[str, str]:
 _TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
     "Predicted error <small>deg; beside: least possible</small>": lambda found: (
         _number(found.rmse_deg),
-        _number(found.least_rmse_deg),
+        "" if found.least_rmse_deg is None else _number(found.least_rmse_deg),
     ),
     "Torque slew <small>N m/s</small>": lambda found: (_number(found.slew), ""),
     "Ms <small>beside: over the spreads</small>": _describe_peak,
