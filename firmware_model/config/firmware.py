@@ -17,7 +17,7 @@ _X_SPIN = (1, 1, -1, -1)
 _EVEN = 0.05  # [rad] of directions of rotors that are the same, or evenly spaced
 _SAME_TORQUE = 0.1  # [-] relative difference of torques within which rotors are those of a log
 LAW_GYRO_FILTER_HZ = 80.0
-"""[Hz] corner of the gyro\'s low-pass about a law inside an autopilot: the usual one costs margins."""
+"""[Hz] corner of the gyro's low-pass about a law inside an autopilot: the usual one costs margins."""
 
 
 def hover_fraction(vehicle: Vehicle) -> float:

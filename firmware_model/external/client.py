@@ -137,15 +137,10 @@ class ExternalClient:
             self._heartbeat_at_us = now_us + _HEARTBEAT_US
             kind, none = wire.MAV_TYPE_ONBOARD_CONTROLLER, wire.MAV_AUTOPILOT_INVALID
             self._send(wire.MAVLink_heartbeat_message(kind, none, 0, 0, wire.MAV_STATE_ACTIVE, 3))
-        for name, (value, left) in list(self._settings.items()):
-            self._send(
-                wire.MAVLink_param_set_message(
-                    self._system, AUTOPILOT, name.encode(), value, wire.MAV_PARAM_TYPE_REAL32
-                )
-            )
-            self._settings[name] = (value, left - 1)
-            if left == 1:
-                del self._settings[name]
+        for name, (value, _) in self._settings.items():
+            kind = wire.MAV_PARAM_TYPE_REAL32
+            self._send(wire.MAVLink_param_set_message(self._system, AUTOPILOT, name.encode(), value, kind))
+        self._settings = {name: (value, left - 1) for name, (value, left) in self._settings.items() if left > 1}
         if now_us >= self._retry_at_us and self.autopilot is not None:
             self._retry_at_us = now_us + _RETRY_US
             self._request()

@@ -333,15 +333,5 @@ def _draw_state(factor: Array, mix: Array, state: Array) -> None:
 
 
 @compiled
-def multiply_vector(matrix: Array, vector: Array, product: Array) -> None:
-    """Write `matrix` (m, n) times `vector` (n,) to `product` (m,); BLAS would add in an order of the processor's."""
-    for i in range(matrix.shape[0]):
-        total = 0.0
-        for j in range(matrix.shape[1]):
-            total += matrix[i, j] * vector[j]
-        product[i] = total
-
-
-@compiled
 def _from_euler(phi: float, theta: float, psi: float) -> Quaternion:
     return from_euler(phi, theta, psi)

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
-from firmware_model.numerics.compiled import find_cache
+from firmware_model.numerics.compiled import compiled, find_cache
 from firmware_model.numerics.soa import field_offset
 from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, record_type
 from firmware_model.sim import inner_loop, step
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER, X_TILT_DEG
-from firmware_model.sim.state import initial_state, multiply_vector
+from firmware_model.sim.state import initial_state
 from firmware_model.types import (
     AttitudeTarget,
     BatteryReading,
@@ -270,7 +270,7 @@ class VehicleLoop:
 
     def _add_rotors(self, rotors: Sequence[float]) -> Array:
         wrench = np.empty(4)
-        multiply_vector(self._wrench, np.array(rotors), wrench)
+        _multiply_vector(self._wrench, np.array(rotors), wrench)
         return wrench
 
 
@@ -293,3 +293,13 @@ def _pack_attitude_target(target: AttitudeTarget) -> Array:
     if target.q_NB is None:
         return np.array((inner_loop.RATES, *rates, 0.0, 0.0, 0.0, 0.0, thrust))
     return np.array((inner_loop.ATTITUDE, *target.q_NB, *rates, thrust))
+
+
+@compiled
+def _multiply_vector(matrix: Array, vector: Array, product: Array) -> None:
+    """Write `matrix` (m, n) times `vector` (n,) to `product` (m,); BLAS would add in an order of the processor's."""
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for j in range(matrix.shape[1]):
+            total += matrix[i, j] * vector[j]
+        product[i] = total

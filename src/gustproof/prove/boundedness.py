@@ -102,9 +102,14 @@ class FlightCertificate(Shown):
         }
         return name_verdict(figures, self.assumes) if self.proven else "NOT proven"
 
+    @property
+    def claim(self) -> str:
+        """The statement in short figures: bounds are rounded up, what it assumes down."""
+        return shorten_statement(self.statement)
+
     def lines(self) -> list[str]:
         """Return the verdict and the claim, whose bounds are rounded up."""
-        return [self.verdict, f"claim: {shorten_statement(self.statement)}"]
+        return [self.verdict, f"claim: {self.claim}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as JSON values: evidence and checksum, no claim."""

@@ -198,10 +198,9 @@ def _show_verdict(verdict: "CheckResult", *, as_json: bool) -> None:
     if as_json:
         made = {"assumes": verdict.assumes} if verdict.accepted else {}
         print_json({"proven": named == PROVEN, "reason": verdict.reason, **verdict.figures, **made})
-    elif verdict.accepted:
-        say(f"{named}: {shorten_statement(verdict.reason)}")
+        return
+    say(f"{named}: {shorten_statement(verdict.reason)}")
+    if verdict.accepted:
         if "lower_bound" in verdict.figures:
             print(f"a simulation of the derived loop reached {print_down(verdict.figures['lower_bound'], 4)}")
         show_assumptions(verdict.assumes)
-    else:
-        say(f"{named}: {shorten_statement(verdict.reason)}")

@@ -77,7 +77,6 @@ def show_certificate(
 ) -> None:
     """Print verdict, bounds and assumptions of a certificate, and where it is."""
     from gustproof.prove.boundedness import FlightCertificate
-    from gustproof.robust.shown import shorten_statement
 
     if as_json:
         figures: dict[str, Any] = {"proven": certificate.is_whole, "vehicle": vehicle}
@@ -96,8 +95,7 @@ def show_certificate(
     if isinstance(certificate, FlightCertificate):
         _show_flight(f"{name} on {vehicle}", certificate)
     else:
-        claim = shorten_statement(certificate.statement)
-        say(f"{name} on {vehicle}: {'proven' if certificate.proven else 'NOT proven'}: {claim}")
+        say(f"{name} on {vehicle}: {'proven' if certificate.proven else 'NOT proven'}: {certificate.claim}")
         print(_describe_lower_bound(certificate))
     show_assumptions({"vehicle": vehicle, **certificate.assumes})
     if output is not None:
@@ -111,10 +109,9 @@ def show_certificate(
 def _show_flight(subject: str, certificate: "FlightCertificate") -> None:
     """Print the verdict on a flight, its bounds a line each, and the judge's sentence."""
     from gustproof.checker.directed_rounding import list_up, print_down
-    from gustproof.robust.shown import shorten_statement
 
     if not certificate.proven:
-        say(f"{subject}: {certificate.verdict}: {shorten_statement(certificate.statement)}")
+        say(f"{subject}: {certificate.verdict}: {certificate.claim}")
         return
     say(f"{subject}: {certificate.verdict}")
     horizon = certificate.assumes["horizon_s"]
@@ -126,7 +123,7 @@ def _show_flight(subject: str, certificate: "FlightCertificate") -> None:
         say(f"  {true:30} <= {list_up(truth)} deg")
     say(f"  {'attitude by the law, ' + own:30} <= {list_up(certificate.estimate_deg or [])} deg")
     say(f"  {'torque':30} <= {list_up(certificate.torque_nm or [])} N m")
-    say(f"in words: {shorten_statement(certificate.statement)}")
+    say(f"in words: {certificate.claim}")
 
 
 def _describe_lower_bound(certificate: "Certificate") -> str:

@@ -88,9 +88,9 @@ def _compare_winds(records: Records, estimates: Records) -> WindView | None:
     return WindView(
         told_mps=(told_north, told_east),
         true_mps=(north, east),
-        rmse_mps=float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        rmse_mps=_rms_length(error),
         mean_error_mps=float(np.linalg.norm(error.mean(axis=0))),
-        air_rms_mps=float(np.sqrt(np.mean(np.sum(gusts**2, axis=1)))),
+        air_rms_mps=_rms_length(gusts),
     )
 
 
@@ -113,3 +113,7 @@ def _differences(a: Array, b: Array) -> Array:
 
 def _rms(angles: Array) -> float:
     return float(np.degrees(np.sqrt(np.mean(angles**2))))
+
+
+def _rms_length(vectors: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))

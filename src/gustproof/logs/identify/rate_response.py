@@ -13,8 +13,8 @@ from gustproof.types import Array
 
 Indices = NDArray[np.int64]
 _SAME = 1e-12
-"""[s] steps that differ by no more, as sums of stamps do, share their exponentials. So do those from sample to sample,
-from or to a change of the command, or between two, if each kind is even."""
+"""[s] a step that differs by no more from the last of its kind, as even stamps do by rounding, has its constants. The
+kind says whether it begins, and whether it ends, at a change of the command rather than at a sample."""
 
 
 @kernel

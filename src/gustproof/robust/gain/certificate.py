@@ -44,9 +44,14 @@ class Certificate(Shown):
     """[-] least eigenvalue or slack of the quantities that must be positive, in floating point; `None` without
     evidence."""
 
+    @property
+    def claim(self) -> str:
+        """The statement in short figures: bounds are rounded up, what it assumes down."""
+        return shorten_statement(self.statement)
+
     def lines(self) -> list[str]:
         """Return the verdict and the claim."""
-        return ["proven" if self.proven else "NOT proven", f"claim: {shorten_statement(self.statement)}"]
+        return ["proven" if self.proven else "NOT proven", f"claim: {self.claim}"]
 
     @property
     def is_whole(self) -> bool:

@@ -9,7 +9,6 @@ from rich.text import Text
 
 from firmware_model.types import AXES
 from gustproof.robust.lti.margins import LoopMargins
-from gustproof.robust.shown import shorten_statement
 from gustproof.show.report.laws import format_margin
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.rate.improvement import Improvement, describe_end, least_margins
@@ -79,13 +78,12 @@ def iter_evidence(found: Judgement) -> Iterator[tuple[str, str]]:
     if found.proof is None:
         yield "proof", f"none: {found.proof_note}"
     elif found.proof.proven:
-        claim = shorten_statement(found.proof.statement)
         if found.proof.is_whole:
-            yield "proved", claim
+            yield "proved", found.proof.claim
         else:
-            yield "proved in part", f"{found.proof.verdict}: {claim}"
+            yield "proved in part", f"{found.proof.verdict}: {found.proof.claim}"
     else:
-        yield "not proved", shorten_statement(found.proof.statement)
+        yield "not proved", found.proof.claim
     if found.failure is not None:
         yield "where it fails", found.failure.describe()
 

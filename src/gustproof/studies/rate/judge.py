@@ -27,7 +27,7 @@ from gustproof.errors import DesignError
 from gustproof.law.form import Law, Output
 from gustproof.prove.boundedness import FlightCertificate, certify_made
 from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
-from gustproof.robust.shown import Shown, shorten_statement
+from gustproof.robust.shown import Shown
 from gustproof.studies.rate.advice import Advice, advise, autopilot_kind
 from gustproof.studies.rate.failure_case import LOST_DEG, FailureCase, fly_failure, nearest_instability, spectral_radius
 from gustproof.studies.rate.plant_box import PlantBox, describe_vehicle, plant_box
@@ -150,7 +150,7 @@ class Judgement(Shown):
                 else [f"error: {self.rmse_deg:.3g} deg rms expected, slew {self.slew:.3g} N m/s"]
             ),
             *([] if self.gust is None else [f"worst gust found: {self.gust.peak_deg:.3g} deg"]),
-            *([] if self.proof is None else [f"{self.proof.verdict}: {shorten_statement(self.proof.statement)}"]),
+            *([] if self.proof is None else [f"{self.proof.verdict}: {self.proof.claim}"]),
         ]
 
     @property

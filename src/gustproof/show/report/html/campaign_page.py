@@ -27,6 +27,7 @@ from gustproof.show.report.html.campaign_charts import (
 )
 from gustproof.show.report.html.forest import ForestRow, render_forest
 from gustproof.show.report.html.markup import (
+    chip_style,
     escape_code,
     fill_page,
     read_asset,
@@ -288,7 +289,7 @@ def _render_bar(i: int, importance: Importance | None) -> str:
     text = format_importance(importance)
     if importance is None or not _has_effect(importance):
         return f'<span class="interval">{text}</span>'
-    style = f"--chip: var(--c{i % 7}); width: {60.0 * importance.first_order:.1f}px"
+    style = f"{chip_style(i)}; width: {60.0 * importance.first_order:.1f}px"
     return f'<span class="share" style="{style}"></span>{text}'
 
 

@@ -6,7 +6,7 @@ from html import escape
 from typing import NamedTuple
 
 from gustproof.show.report.html.campaign_charts import Axis
-from gustproof.show.report.html.markup import render_chip
+from gustproof.show.report.html.markup import chip_style, render_chip
 from gustproof.studies.campaign.intervals import IntervalEstimate
 
 _MOST_LINEAR = 10.0
@@ -55,7 +55,7 @@ def _make_axis(values: Iterable[float], *, is_ratio: bool) -> Axis:
 
 def _render_row(row: ForestRow, axis: Axis, line: str) -> str:
     marks = "".join(_render_interval(estimate, axis, kind) for estimate, kind in row.marks)
-    colour = f"--chip: var(--c{row.colour % 7})"
+    colour = chip_style(row.colour)
     track = f'<span class="track" style="{colour}" role="img" aria-label="{escape(row.spoken)}">{line}{marks}</span>'
     text = f"<b>{escape(row.text)}</b>" if row.is_best else escape(row.text)
     return f"<li>{render_chip(row.colour, row.name)}{track}<span>{text}</span></li>"

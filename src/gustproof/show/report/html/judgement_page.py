@@ -19,7 +19,7 @@ from gustproof.law.form import Law
 from gustproof.robust.lti.state_space import ComplexMatrix
 from gustproof.show.report.html.charts import ChartGroup, ChartKind, Curve, decibels, frequency_chart
 from gustproof.show.report.html.marks import Mark
-from gustproof.show.report.html.markup import escape_code, render_table, render_tile_line, render_tiles
+from gustproof.show.report.html.markup import escape_code, render_list, render_table, render_tile_line, render_tiles
 from gustproof.show.report.html.page import render_page
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.judgement import (
@@ -73,13 +73,13 @@ def render_verdict(found: Judgement, better: Improvement | None, remarks: tuple[
     """Return the section of the verdict as HTML, with better gains if there are any."""
     mark = "good" if found.verdict is Verdict.SOUND else "bad"
     parts = [f'<h2 class="{mark}">{escape(title(found))}</h2>', _render_headline(found, better)]
-    parts.append(_render_list(found.reasons))
+    parts.append(render_list(found.reasons))
     if found.axes:
         margins = render_table(COLUMNS, [[escape(cell) for cell in row] for row in iter_margins(found)])
         parts.append(f"<h3>Margins over the spreads</h3><p class='note'>{escape(found.box.describe())}</p>{margins}")
-    parts.append(f"<h3>Evidence</h3>{_render_list([f'{name}: {text}' for name, text in iter_evidence(found)])}")
+    parts.append(f"<h3>Evidence</h3>{render_list([f'{name}: {text}' for name, text in iter_evidence(found)])}")
     if found.advice:
-        advice = _render_list([each.describe() for each in found.advice])
+        advice = render_list([each.describe() for each in found.advice])
         parts.append(f"<h3>Advice, each change by itself, predicted</h3>{advice}")
     if better is not None:
         parts.append(_render_better(better))
@@ -130,10 +130,6 @@ _TILES: dict[str, Callable[[Judgement], tuple[str, str]]] = {
     "Largest angle in the worst gust found <small>deg; beside: proved bound</small>": _describe_gust,
 }
 """Heading as HTML, value and remark of each tile."""
-
-
-def _render_list(lines: tuple[str, ...] | list[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape_code(line)}</li>' for line in lines)}</ul>"
 
 
 def loop_charts(found: Judgement) -> Iterator[ChartGroup]:

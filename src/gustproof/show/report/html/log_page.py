@@ -25,7 +25,7 @@ from gustproof.show.report.html.charts import (
 )
 from gustproof.show.report.html.judgement_page import loop_charts, render_verdict
 from gustproof.show.report.html.marks import Mark
-from gustproof.show.report.html.markup import escape_code, fill_page, render_table
+from gustproof.show.report.html.markup import escape_code, fill_page, render_list, render_table
 from gustproof.show.report.html.page import NumberBlock, chart_parts
 from gustproof.show.report.log_summary import describe_vibration, doubts, filter_rows, signal_rows, summary
 from gustproof.show.report.thinned import decimate
@@ -59,12 +59,12 @@ def render_log_page(flight: LoggedFlight) -> str:
             f"<p>{escape_code(line)}</p>" for line in summary(flight, has_verdict=flight.judgement is not None)
         ),
         "signals": render_table(("signal", "rate [Hz]", "samples"), map(_escape, signal_rows(log))),
-        "findings": _list(log.findings),
-        "steps": _list([*(each.describe() for each in flight.steps), *flight.not_told]),
-        "lines": _list([*describe_vibration(flight)]),
+        "findings": render_list(log.findings),
+        "steps": render_list([*(each.describe() for each in flight.steps), *flight.not_told]),
+        "lines": render_list([*describe_vibration(flight)]),
         "filters": render_table(head, filters),
         "vehicle": render_table(["95 % intervals in brackets", *AXES], vehicle),
-        "doubts": _list([line for line in doubts(flight) if line not in log.findings]),
+        "doubts": render_list([line for line in doubts(flight) if line not in log.findings]),
         "verdict": "" if flight.judgement is None else render_verdict(flight.judgement, None, flight.remarks),
         "footer": f"Read and drawn by gustproof {__version__}.",
     }
@@ -88,10 +88,6 @@ def _chart_groups(flight: LoggedFlight) -> dict[str, Iterable[ChartGroup]]:
 
 def _escape(row: Iterable[str]) -> list[str]:
     return [*map(escape, row)]
-
-
-def _list(lines: Sequence[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape_code(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def _history_groups(log: FlightLog) -> Iterator[ChartGroup]:

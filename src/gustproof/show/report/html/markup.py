@@ -72,4 +72,14 @@ def render_tile_line(i: int, label: str, value: str, beside: str = "", *, is_bes
 
 def render_chip(i: int, label: str) -> str:
     """Return a label beside the colour of its curves."""
-    return f'<span class="name"><i class="chip" style="--chip: var(--c{i % 7})"></i>{escape(label)}</span>'
+    return f'<span class="name"><i class="chip" style="{chip_style(i)}"></i>{escape(label)}</span>'
+
+
+def chip_style(i: int) -> str:
+    """Return the style that gives an element the colour of curves number `i`."""
+    return f"--chip: var(--c{i % 7})"
+
+
+def render_list(lines: Sequence[str]) -> str:
+    """Return lines of text as a list; nothing without any."""
+    return f"<ul>{''.join(f'<li>{escape_code(line)}</li>' for line in lines)}</ul>" if lines else ""

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
+from gustproof.show.report.html.markup import chip_style
+
 _RADIUS, _MARGIN = 150.0, 44.0
 _STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 _RINGS = 5
@@ -37,7 +39,7 @@ def render_polar(heading: str, curves: Sequence[PolarCurve], *, unit: str) -> st
     drawn = _render_ground(rings, step, scale) + lines
     svg = f'<svg viewBox="{box}" role="img" aria-label="{escape(spoken)}">{drawn}</svg>'
     keys = "".join(
-        f'<li><span class="chip" style="--chip: var(--c{curve.colour % 7})"></span>{escape(curve.label)}</li>'
+        f'<li><span class="chip" style="{chip_style(curve.colour)}"></span>{escape(curve.label)}</li>'
         for curve in curves
     )
     return f'<div class="polar"><h3>{escape(heading)}</h3>{svg}<ul>{keys}</ul></div>'
