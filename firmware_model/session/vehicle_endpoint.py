@@ -23,6 +23,7 @@ from firmware_model.autopilot.parameters import GUST_SCALE_NAME, PAUSE_NAME, Par
 from firmware_model.config.events import ControllerKill, ModeChange
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
 from firmware_model.mavlink import messages
 from firmware_model.mavlink.frames import Address, EncodedMessage, Frame, Message, RejectReason, parse
 from firmware_model.mavlink.peers import Client, Peer, PeerTable
@@ -73,6 +74,11 @@ class VehicleEndpoint:
 
     It is the `VehicleContext` of its services. Set `flush` to a function that flushes the journal; it is called when an
     event of the script begins, and before machine code flies.
+
+    Raises
+    ------
+    ConfigError
+        If the scenario has an event that it would not notice.
     """
 
     def __init__(
@@ -89,6 +95,8 @@ class VehicleEndpoint:
         signing: Signing | None = None,
         generic: bool = False,
     ) -> None:
+        if scenario.unread:
+            raise ConfigError(scenario.unread)
         self.generic = generic
         self.parameters = Parameters(vehicle, scenario, bytewise=not generic)
         self.autopilot = Autopilot(self.parameters.settings(), free=scenario.free)

@@ -11,9 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import all as wire
 
 from firmware_model.autopilot.modes import Mode
-from firmware_model.config.events import ControllerHang, ControllerKill, ModeChange
+from firmware_model.config.events import ControllerHang, ControllerKill, GpsLoss, ModeChange
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
+from firmware_model.errors import ConfigError
 from firmware_model.mavlink import peers
 from firmware_model.mavlink.frames import EncodedMessage, Frame, RejectReason, parse
 from firmware_model.mavlink.messages import CONTROLLER, command_message
@@ -980,3 +981,9 @@ def test_fifty_messages_asked_for_by_two_stations_at_once_are_each_answered_with
     assert {frame.is_version_1 for frame in vehicle.raw[1]} == {True}
     assert {frame.is_version_1 for frame in vehicle.raw[2]} == {False}
     assert {(message.target_system, message.target_component) for message in second} == {(255, 191)}
+
+
+def test_a_scenario_with_an_event_that_it_would_not_notice_is_refused():
+    script = replace(load_scenario("calm"), event=(GpsLoss(kind="gps_lost", at_s=1.0),))
+    with pytest.raises(ConfigError, match=r"event\.0: gps_lost is of real autopilots"):
+        VehicleEndpoint(load_vehicle("paper"), script, 1, lambda _: None, lockstep=True)
