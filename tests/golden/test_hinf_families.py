@@ -182,7 +182,7 @@ def test_plant_of_compleib_is_solved_regularised_below_its_static_level(name):
         hinfsyn(P, n_meas, n_con)
     result = hinfsyn(P, n_meas, n_con, regularize=True)
     assert result.regularization > 0.0
-    assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.norm, rel=1e-6)
+    assert hinf_norm(lft(P, result.lti)).gain == pytest.approx(result.norm, rel=1e-6)
     assert result.gamma_opt - result.gamma_excess <= 1.001 * COMPLEIB[name]["gamma"]
 
 

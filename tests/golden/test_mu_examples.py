@@ -111,7 +111,7 @@ def test_distillations_first_controller_has_the_peak_that_the_book_prints():
     first = EXAMPLES["distillation_synthesis"]["first"]
     result = hinfsyn(distillation_plant(), 2, 2, gamma=first["norm"])
     assert result.order == first["order"]
-    found = mu(Uncertain(M=lft(distillation_plant(), result.controller), blocks=CHANNELS), accuracy=0.004)
+    found = mu(Uncertain(M=lft(distillation_plant(), result.lti), blocks=CHANNELS), accuracy=0.004)
     # the printed peak is that of a frequency grid
     assert found.lower == pytest.approx(first["mu"], abs=5e-4)
     assert found.upper <= 1.005 * found.lower
@@ -148,7 +148,7 @@ def test_the_filters_that_musyn_found_give_the_published_mu(name, plant, sizes, 
     assert level == pytest.approx(data["level"], abs=2e-5)
     assert level < published
     result = hinfsyn(scaled, 2, 2, gamma=1.002 * level)
-    loop = lft(P, result.controller)
+    loop = lft(P, result.lti)
     assert loop.is_stable()
     # mu at each frequency is at most the norm with the filters' scalings, whatever the bounds of the sweep
     at = float(result.omega) if np.isfinite(result.omega) else 1.0

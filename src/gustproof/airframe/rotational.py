@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from firmware_model.config.vehicle import Vehicle
 from gustproof.robust.lti.state_space import Matrix, gain
 from gustproof.robust.uncertain.elements import ureal
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft, system_from_matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain, join, stack, system_from_matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,12 +53,12 @@ def rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -> Unce
     q, r = (ureal(name, range=(-envelope.rate, envelope.rate)) for name in ("q", "r"))
     # (b, a) = (I - t J)^-1 (I + t J) (q, r) is a rotation by phi: t acts on the sum of input and output
     J = np.array([[0.0, -1.0], [1.0, 0.0]])
-    bank = lft(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), append(t, t), 2, 2)
+    bank = join(gain(np.block([[np.eye(2), J], [2.0 * np.eye(2), J]])), stack(t, t), 2, 2)
     # (1 + v) / (1 - v) and its inverse act on a: half their difference is tan(theta), half their sum 1 / cos(theta)
-    tilt = lft(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), append(v, v), 2, 2)
-    rotated = append(1.0, 1.0, tilt) @ append(1.0, bank)
+    tilt = join(gain([[0.0, 0.5, 0.5], [1.0, 0.5, -0.5], [2.0, 1.0, 0.0], [2.0, 0.0, -1.0]]), stack(v, v), 2, 2)
+    rotated = stack(1.0, 1.0, tilt) @ stack(1.0, bank)
     kinematics = _as_matrix([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ rotated
-    products = append(r, r, q) @ _as_matrix([[0, 1, 0], [1, 0, 0], [1, 0, 0]])
+    products = stack(r, r, q) @ _as_matrix([[0, 1, 0], [1, 0, 0], [1, 0, 0]])
     return _rigid_body(kinematics, products, inertia_B)
 
 
@@ -75,13 +75,13 @@ def paper_rotation(inertia_B: Sequence[float | Uncertain], envelope: Envelope) -
     # (q, r) to (b, a), then a to (a tan(theta), a / cos(theta)): one division by rho4 serves both
     bank = (
         _as_matrix([[1, 0, 0, -1], [0, 1, 1, 0]])
-        @ append(rho2, rho2, rho1, rho1)
+        @ stack(rho2, rho2, rho1, rho1)
         @ _as_matrix(np.tile(np.eye(2), (2, 1)))
     )
-    tilt = append(rho3, 1.0) @ _as_matrix([[1], [1]]) @ rho4.inverse()
-    turned = append(1.0, 1.0, tilt) @ append(1.0, bank)
+    tilt = stack(rho3, 1.0) @ _as_matrix([[1], [1]]) @ rho4.inverse()
+    turned = stack(1.0, 1.0, tilt) @ stack(1.0, bank)
     kinematics = _as_matrix([[1, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]) @ turned
-    halves = _as_matrix(np.kron(np.eye(3), [[0.5, 0.5]])) @ append(r, q, r, p, q, p)
+    halves = _as_matrix(np.kron(np.eye(3), [[0.5, 0.5]])) @ stack(r, q, r, p, q, p)
     products = halves @ _as_matrix([[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]])
     return _rigid_body(kinematics, products, inertia_B)
 
@@ -111,17 +111,17 @@ def uncertain_actuators(vehicle: Vehicle, *, lag: Uncertain | None = None, gain_
     """
     rate = as_uncertain(vehicle.actuator_lag if lag is None else lag).inverse()
     drive = as_uncertain(1.0 if gain_ is None else gain_)
-    axis = append(rate, 1.0) @ (_as_matrix([[-1, 0], [1, 0]]) + _as_matrix([[1], [0]]) @ drive @ _as_matrix([[0, 1]]))
-    return append(*[system_from_matrix(axis, 1)] * 3)
+    axis = stack(rate, 1.0) @ (_as_matrix([[-1, 0], [1, 0]]) + _as_matrix([[1], [0]]) @ drive @ _as_matrix([[0, 1]]))
+    return stack(*[system_from_matrix(axis, 1)] * 3)
 
 
 def _rigid_body(kinematics: Uncertain, products: Uncertain, inertia_B: Sequence[float | Uncertain]) -> Uncertain:
     """Return (E, omega, moment) to derivatives from omega to E' and omega to (r q, r p, q p)."""
     I_x, I_y, I_z = inertia_B
-    differences = _as_matrix(np.kron(np.eye(3), [[1.0, -1.0]])) @ append(I_y, I_z, I_z, I_x, I_x, I_y)
+    differences = _as_matrix(np.kron(np.eye(3), [[1.0, -1.0]])) @ stack(I_y, I_z, I_z, I_x, I_x, I_y)
     gyroscopic = differences @ _as_matrix(np.kron(np.eye(3), [[1.0], [1.0]])) @ products
-    rates = append(I_x, I_y, I_z).inverse() @ (gyroscopic @ _as_matrix(np.eye(3, 6)) + _as_matrix(np.eye(3, 6, 3)))
-    both = append(kinematics, rates) @ _as_matrix(np.vstack([np.eye(3, 6), np.eye(6)]))
+    rates = stack(I_x, I_y, I_z).inverse() @ (gyroscopic @ _as_matrix(np.eye(3, 6)) + _as_matrix(np.eye(3, 6, 3)))
+    both = stack(kinematics, rates) @ _as_matrix(np.vstack([np.eye(3, 6), np.eye(6)]))
     return both @ _as_matrix(np.eye(6, 9, 3))
 
 

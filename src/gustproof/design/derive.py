@@ -68,12 +68,12 @@ class DesignReport:
 
     def poles(self) -> ComplexMatrix:
         """Return the controller's poles, (n,) [rad/s], slowest first."""
-        poles = self.result.controller.poles()
+        poles = self.result.lti.poles()
         return poles[np.argsort(np.abs(poles), kind="stable")]
 
     def singular_values(self, omega: Matrix) -> dict[str, Matrix]:
         """Return singular values (k, j) at the frequencies `omega` (k,) [rad/s], keyed by the name of the transfer."""
-        controller = self.result.controller
+        controller = self.result.lti
         G, K = _loop(self.problem, controller)
         L = series(G, -K)
         S = sensitivity(L)
@@ -91,7 +91,7 @@ class DesignReport:
     def weighted_transfers(self, omega: Matrix) -> tuple[WeightedTransfer, ...]:
         """Return the transfer from each cause to each effect at the frequencies `omega` (k,) [rad/s]."""
         design, problem = self.design, self.problem
-        response = lft(problem.plant(), self.result.controller).response(omega)
+        response = lft(problem.plant(), self.result.lti).response(omega)
         command = "rad/s" if design.rate_loop_lag is not None else "N m"
         inputs = [("w_d", "moment", "N m", design.W_d), ("w_n", "gyro noise", "rad/s", design.W_n)]
         if design.W_r is not None:
@@ -156,7 +156,7 @@ def derive(design: Design, vehicle: Vehicle | None = None, *, solve: Solver | No
     problem = design_problem(design, vehicle)
     result = (solve or solve_central)(design, problem)
     law = make_law(design, vehicle, result)
-    G, K = _loop(problem, result.controller)
+    G, K = _loop(problem, result.lti)
     try:
         sampled = margins(discretize_zoh(G, design.dt), series(loop_law(law), delay(3, design.dt)))
     except ValueError as error:
@@ -178,7 +178,7 @@ def make_law(design: Design, vehicle: Vehicle, result: CheckedController) -> Law
     rates, is_lft = design.rate_loop_lag is not None, isinstance(result, LftController)
     return central_law(
         design.law or design.name,
-        result.scheduled if isinstance(result, LftController) else result.controller,
+        result.scheduled if isinstance(result, LftController) else result.lti,
         scheduled=design.scheduled and not is_lft,
         dt=design.dt,
         limits=np.array([vehicle.stabilizer.rate_limit] * 3 if rates else vehicle.torque_limit),

@@ -66,7 +66,7 @@ def solve_structured(
         result = robust_hinfstruct(family, *sizes, **own, starts=starts, seed=seed, progress=progress)
     # from one block an axis to the order of a law: all attitudes, then all rates, then the rest
     first = np.arange(order).reshape(_AXES, each).T.ravel()
-    return replace(result, controller=_reorder_states(result.controller, first))
+    return replace(result, lti=_reorder_states(result.lti, first))
 
 
 def _reorder_states(K: Lti, order: np.ndarray[tuple[int], np.dtype[np.intp]]) -> Lti:

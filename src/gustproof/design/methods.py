@@ -55,11 +55,11 @@ def solve_loop_shaping(design: Design, problem: Interconnection, *, crossover: f
         reached = float(abs(series(rise, G).response(np.array([crossover]))[0, 0, 0]))
         found.append(ncfsyn(G, series(rise, gain(one / reached)), backoff=design.backoff))
     worst = max(found, key=lambda shaped: shaped.norm)
-    parts = [[getattr(shaped.controller, name) for shaped in found] for name in "ABCD"]
+    parts = [[getattr(shaped.lti, name) for shaped in found] for name in "ABCD"]
     A, B, C, D = (scipy.linalg.block_diag(*matrices) for matrices in parts)
     turn = np.arange(len(A)).reshape(len(found), -1).T.ravel()  # a law takes the axes in turn
     return CheckedController(
-        controller=Lti(A=A[np.ix_(turn, turn)], B=B[turn], C=C[:, turn], D=D),
+        lti=Lti(A=A[np.ix_(turn, turn)], B=B[turn], C=C[:, turn], D=D),
         gamma=max(shaped.gamma for shaped in found),
         norm=worst.norm,
         omega=worst.omega,
@@ -81,7 +81,7 @@ def solve_mu(
     """
     plant = uncertain_plant(design, problem, envelope)
     result = musyn(plant, problem.n_meas, problem.n_con, measure="l2gain", progress=progress)
-    certificate = certify_gain(problem, result.controller, angle=envelope.angle, rate=envelope.rate)
+    certificate = certify_gain(problem, result.lti, angle=envelope.angle, rate=envelope.rate)
     return replace(result, checks=(*result.checks, _describe_proof(certificate)))
 
 

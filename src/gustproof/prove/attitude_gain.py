@@ -89,7 +89,7 @@ def certify_gain(
     >>> from gustproof import certify_gain, derive, design_problem, load_design, load_vehicle
     >>> design = load_design("D1")
     >>> problem = design_problem(design, load_vehicle("paper"))
-    >>> controller = derive(design)[1].result.controller
+    >>> controller = derive(design)[1].result.lti
     >>> certificate = certify_gain(problem, controller, angle=0.01, rate=0.05)
     >>> f"proven {certificate.proven}, gain {certificate.gain:.2f}"
     'proven True, gain 0.41'

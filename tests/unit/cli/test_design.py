@@ -68,7 +68,7 @@ def test_musyn_designs_over_the_envelope_and_tells_what_was_proved(monkeypatch: 
 
     def musyn(plant: Any, n_meas: int, n_con: int, **options: Any) -> CheckedController:
         asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
-        return CheckedController(controller=central.controller, gamma=3.0, norm=2.0, omega=1.0, checks=("stable",))
+        return CheckedController(lti=central.lti, gamma=3.0, norm=2.0, omega=1.0, checks=("stable",))
 
     monkeypatch.setattr(methods, "musyn", musyn)
     monkeypatch.setattr(methods, "certify_gain", lambda *_, **__: CERTIFICATE)
@@ -85,7 +85,7 @@ def scheduled(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     asked: dict[str, Any] = {}
 
     def lpvsyn(plant: Any, n_meas: int, n_con: int, **options: Any) -> LftController:
-        K = derive(load_design("D2"))[1].result.controller
+        K = derive(load_design("D2"))[1].result.lti
         block = next(block for block in plant.blocks if block.name == "q")
         M = Lti(
             A=K.A,
@@ -96,7 +96,7 @@ def scheduled(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         asked.update(options, blocks=[block.name for block in plant.blocks], sizes=(n_meas, n_con))
         lft = Uncertain(M=M, blocks=(replace(block, repeats=1),))
         return LftController(
-            controller=lft.nominal_system(), gamma=0.4, norm=0.3, omega=1.0, checks=(), gamma_opt=0.2, scheduled=lft
+            lti=lft.nominal_system(), gamma=0.4, norm=0.3, omega=1.0, checks=(), gamma_opt=0.2, scheduled=lft
         )
 
     monkeypatch.setattr(methods, "lpvsyn", lpvsyn)

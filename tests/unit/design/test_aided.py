@@ -109,7 +109,5 @@ def test_the_law_takes_roll_and_pitch_by_gravity_as_the_controller_is_told_them(
     law, report = derive(load_design("aided"))
     np.testing.assert_array_equal(law.B[:, 6:], loop_law(law).B[:, 3:])
     slow = np.array([1e-3, 0.1])
-    np.testing.assert_allclose(
-        loop_law(law).response(slow), report.result.controller.response(slow), rtol=1e-3, atol=1e-2
-    )
+    np.testing.assert_allclose(loop_law(law).response(slow), report.result.lti.response(slow), rtol=1e-3, atol=1e-2)
     assert not law.B[:, 3:6].any()  # no reference

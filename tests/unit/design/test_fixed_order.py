@@ -39,7 +39,7 @@ def test_the_command_writes_a_law_of_the_order_asked_for(tmp_path):
 def test_a_self_scheduled_law_keeps_attitudes_and_rates_first_and_the_linear_law_is_the_controller():
     design = replace(load_design("D2"), scheduled=True)
     law, report = derive(design, solve=solver(6))
-    K = report.result.controller
+    K = report.result.lti
     assert law.is_scheduled
     assert np.array_equal(K.A[:3, 3:6], np.eye(3))
     assert np.array_equal(K.A[:3, :3], -design.leak * np.eye(3))

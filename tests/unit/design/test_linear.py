@@ -123,7 +123,7 @@ def test_the_filter_of_lqg_is_the_optimal_one_without_fictitious_noise() -> None
 def test_loop_shaping_withstands_the_uncertainty_of_its_gamma() -> None:
     plant = shaped_plant(SHAPING, roll())
     result = ncfsyn(plant)
-    K, gamma = result.robust, result.gamma
+    K, gamma = result.lti, result.gamma
     # [K; I] (I - G K)^-1 [I, G], as an interconnection with inputs (w1, w2) and outputs (u, y), y = w1 + G (w2 + u)
     G = plant
     B = np.hstack([np.zeros((G.order, 1)), G.B, G.B])

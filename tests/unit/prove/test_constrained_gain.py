@@ -294,7 +294,7 @@ def test_of_functions_that_are_not_odd_less_is_proved():
 @pytest.mark.slow
 def test_the_papers_law_keeps_a_gain_with_commands_half_above_their_limit():
     design = load_design("D2")
-    problem, controller = design_problem(design, load_vehicle("paper")), derive(design)[1].result.controller
+    problem, controller = design_problem(design, load_vehicle("paper")), derive(design)[1].result.lti
     certificate = certify_gain(problem, controller, angle=0.1, rate=0.5, saturation=1.5)
     assert certificate.assumes["plant"].endswith("commands of at most 1.5 times the limit")
     assert certificate.gain < 4.27

@@ -143,7 +143,7 @@ def test_speeds_are_of_parameters_of_the_loop(speeds, message):
 
 def paper_loop() -> Uncertain:
     problem = design_problem(load_design("D2"), load_vehicle("paper"))
-    controller = hinfsyn(problem.plant(), 3, 3, gamma=0.25).controller
+    controller = hinfsyn(problem.plant(), 3, 3, gamma=0.25).lti
     return attitude_loop(problem, controller, Envelope(angle=0.1, rate=0.5), scheduled=False)
 
 

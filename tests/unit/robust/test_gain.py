@@ -44,7 +44,7 @@ def certificate() -> Certificate:
 
 @cache
 def controller(name: str) -> Lti:
-    return hinfsyn(design_problem(load_design(name), VEHICLE).plant(), 3, 3, gamma=0.25).controller
+    return hinfsyn(design_problem(load_design(name), VEHICLE).plant(), 3, 3, gamma=0.25).lti
 
 
 @pytest.mark.parametrize("scheduled", [False, True])

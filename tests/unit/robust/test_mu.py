@@ -48,7 +48,7 @@ def attitude_loop(angle: float, rate: float) -> Uncertain:
     result = hinfsyn(problem.plant(), problem.n_meas, problem.n_con, gamma=design.gamma)
     dynamics = rotation(vehicle.inertia_B, Envelope(angle=angle, rate=rate))
     airframe = uncertain_airframe(dynamics, leak=design.leak, rate_damping=0.05)
-    return lft(fill_diagram(problem, {"airframe": airframe}), result.controller)
+    return lft(fill_diagram(problem, {"airframe": airframe}), result.lti)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -217,6 +217,6 @@ def test_gains_of_unknown_dynamics_are_those_of_the_iqc_toolbox():
     assert found.lower > 0.99 * found.upper
     # iqc_ltiunmod_test: 2.8294
     parts = append(*(ss(tf(n, d)) for n, d in (([1, 0], [1, 100]), ([1, 0], [1, 80]), (10, [1, 10]), (8, [1, 8]))))
-    M = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]) / 1.5 @ parts @ np.array([[1, 0], [1, 0], [1, 0], [0, 1]])
+    M = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]) / 1.5 * parts * np.array([[1, 0], [1, 0], [1, 0], [0, 1]])
     found = wcgain(feedback(M, append(ultidyn("w1"), ultidyn("w2", 1, 2)), sign=1))
     assert found.lower <= 2.8294 <= found.upper <= 1.005 * 2.8294

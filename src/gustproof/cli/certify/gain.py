@@ -177,7 +177,7 @@ def name_loop(
             f"--leak: is {leak}, must be positive: without leak the attitude integrates and no gain is finite"
         )
     problem = design_problem(design if leak is None else replace(design, leak=leak), airframe)
-    return vehicle, design, problem, derive(design, airframe)[1].result.controller if law is None else law
+    return vehicle, design, problem, derive(design, airframe)[1].result.lti if law is None else law
 
 
 def _find_design(name: str) -> "Design":

@@ -54,7 +54,7 @@ def shaped_plant(gains: LoopShapingGains, model: AxisModel) -> Lti:
 def build_loop_shaping(gains: LoopShapingGains, model: AxisModel) -> LoopSignals:
     """Return the loop of one axis."""
     dt = model.plant.dt
-    robust = ncfsyn(shaped_plant(gains, model)).robust
+    robust = ncfsyn(shaped_plant(gains, model)).lti
     loop = SampledAxisLoop(dt)
     commanded = gains.angle_p * (loop.reference - newest_attitude(loop))
     error, gain = commanded - loop.rate, gains.gain * model.inertia

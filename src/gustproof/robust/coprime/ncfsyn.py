@@ -35,10 +35,6 @@ class ShapedController(CheckedController):
     """[-] widest margin that any controller of the shaped plant has, `1 / gamma` at its least."""
     margin: float
     """[-] margin of this one, `b(G_s, K_s) = 1 / norm`: every plant within this gap of `G_s` is stabilised too."""
-    shaped: Lti
-    """The shaped plant `G_s = W2 G W1`."""
-    robust: Lti
-    """The robust controller `K_s` of the shaped plant."""
 
 
 def ncfsyn(
@@ -102,7 +98,7 @@ def ncfsyn(
     controller = robust if behind is None else series(behind, robust)
     controller = controller if before is None else series(controller, before)
     found = ShapedController(
-        controller=controller,
+        lti=controller,
         gamma=max(gamma, peak.gain),
         norm=peak.gain,
         omega=peak.omega,
@@ -112,8 +108,6 @@ def ncfsyn(
         ),
         emax=1.0 / factors.least_gamma,
         margin=1.0 / peak.gain,
-        shaped=shaped,
-        robust=robust,
     )
     return keep_names(found, G)
 

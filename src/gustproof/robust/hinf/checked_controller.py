@@ -19,8 +19,8 @@ ROUNDING_ERRORS = (np.linalg.LinAlgError, OverflowError)
 class CheckedController(Shown):
     """A controller with its level, and the norm of the loop that it closes, computed from that loop alone."""
 
-    controller: Lti
-    """`u = K y` (positive feedback)."""
+    lti: Lti
+    """The controller in this library's own form, read-only arrays; `K` is for users."""
     gamma: float
     """[-] level of the design, in the method's own measure."""
     norm: float
@@ -36,13 +36,13 @@ class CheckedController(Shown):
 
     @property
     def K(self) -> "control.StateSpace":
-        """The controller for python-control, a copy at each call."""
+        """The controller `u = K y` (positive feedback), with the names of its plant's signals; a copy at each call."""
         names = {"inputs": self.measured, "outputs": self.controls}
-        return self.controller.to_control(**{kind: list(given) for kind, given in names.items() if given})
+        return self.lti.to_control(**{kind: list(given) for kind, given in names.items() if given})
 
     def lines(self) -> list[str]:
         """Return its size, level and norm, then what was checked."""
-        size = self.controller.describe_size()
+        size = self.lti.describe_size()
         least = getattr(self, "gamma_opt", None)
         known = [] if least is None else [f"least level: {least:.6g}"]
         where = f" at {self.omega:.4g} rad/s" if np.isfinite(self.omega) else ""
@@ -58,7 +58,7 @@ class CheckedController(Shown):
     @property
     def order(self) -> int:
         """Number of controller states."""
-        return self.controller.order
+        return self.lti.order
 
 
 _Result = TypeVar("_Result", bound=CheckedController)
@@ -67,5 +67,5 @@ _Result = TypeVar("_Result", bound=CheckedController)
 def keep_names(result: _Result, P: Any) -> _Result:
     """Return a controller with the names that its generalised plant gives to measurements and controls."""
     inputs, outputs = signal_names(P)
-    y, u = outputs[len(outputs) - result.controller.n_inputs :], inputs[len(inputs) - result.controller.n_outputs :]
+    y, u = outputs[len(outputs) - result.lti.n_inputs :], inputs[len(inputs) - result.lti.n_outputs :]
     return replace(result, measured=all_or_none(y), controls=all_or_none(u))

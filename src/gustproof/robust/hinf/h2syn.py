@@ -142,7 +142,7 @@ def _solve_discrete(plant: Lti, n_meas: int, n_con: int) -> H2Result:
     if not norm <= (1.0 + _AGREEMENT) * gamma:
         raise DesignError(f"rounding spoilt the controller: its norm is {norm:.6g}, not {gamma:.6g}")
     checks = ("the loop of the given plant is stable", "its norm is that of the Riccati equations, or below")
-    return H2Result(controller=K, gamma=max(gamma, norm), norm=norm, omega=np.nan, checks=checks, X=X, Y=Y)
+    return H2Result(lti=K, gamma=max(gamma, norm), norm=norm, omega=np.nan, checks=checks, X=X, Y=Y)
 
 
 def _with_feedthrough(K: Lti, D: Matrix) -> Lti:
@@ -172,7 +172,7 @@ def _solve(plant: Lti, image: Lti, units: PlantUnits) -> H2Result:
     back = units.x[:, None] * units.x
     checks = ("the loop of the given plant is stable", "its norm is that of the Riccati equations, or below")
     return H2Result(
-        controller=units.restore(K),
+        lti=units.restore(K),
         gamma=max(gamma, norm),
         norm=norm,
         omega=np.nan,

@@ -227,7 +227,7 @@ class _Design(NamedTuple):
             raise DesignError(f"its norm is {peak.gain:.6g} +- {error:.2g}")
         back = units.x[:, None] * units.x
         return HinfResult(
-            controller=units.restore(K),
+            lti=units.restore(K),
             gamma_opt=gamma_opt,
             gamma=most,
             norm=peak.gain,

@@ -12,7 +12,7 @@ from gustproof.robust.hinf.checked_controller import keep_names
 from gustproof.robust.hinf.hinfsyn import HinfResult, hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, all_or_none, as_lti, gain, lft, series, signal_names
-from gustproof.robust.uncertain.uncertain_system import append
+from gustproof.robust.uncertain.uncertain_system import stack
 
 if TYPE_CHECKING:
     import control
@@ -63,7 +63,7 @@ def mixsyn(
     weights = _weights(plant, W1, W2, W3)
     P = _generalised_plant(plant, weights)
     result = hinfsyn(P, plant.n_outputs, plant.n_inputs, gamma=gamma, regularize=True)
-    loop, first = lft(P, result.controller), 0
+    loop, first = lft(P, result.lti), 0
     checks = list(result.checks)
     for (name, weight), part in zip(weights.items(), ("S", "K S", "T"), strict=True):
         if weight.n_outputs:
@@ -127,7 +127,7 @@ def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
         worst = max(W.poles(), key=abs if G.dt else lambda pole: pole.real)
         raise DesignError(f"{name} is not stable: it has a pole at {worst:.3g}, and no feedback acts on a weight")
     if W.D.shape == (1, 1) and channels > 1:
-        W = append(*[W] * channels).M
+        W = stack(*[W] * channels).M
     if W.n_inputs != channels:
         raise ValueError(f"{name} has {W.n_inputs} inputs, must have 1 or {channels}")
     return W
@@ -144,4 +144,4 @@ def _generalised_plant(G: Lti, weights: Mapping[str, Lti]) -> Lti:
         D=np.block([[identity, -G.D], [np.zeros((m, p)), np.eye(m)], [0.0 * identity, G.D], [identity, -G.D]]),
         dt=G.dt,
     )
-    return series(signals, append(*weights.values(), gain(identity, G.dt)).M)
+    return series(signals, stack(*weights.values(), gain(identity, G.dt)).M)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -27,6 +28,9 @@ from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, PartedPl
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 from gustproof.robust.uncertain.uncertainty import RealBlock
 
+if TYPE_CHECKING:
+    import control
+
 _SPREAD = 0.5
 """[-] share of the backoff by which `I - X Y` is kept regular."""
 _BETWEEN = 4
@@ -42,14 +46,15 @@ class ScheduledController(CheckedController):
 
     `norm` bounds the L2 gain at the grid's points and the corners of the speeds, by the design's Lyapunov matrices and
     the closed loops' own coefficients. Both it and `norm_between` are sampled: no proof for the points not tried.
-    `controller` is the one in the middle of the grid.
+    `K` is the one in the middle of the grid. All are in the same states.
 
     Examples
     --------
-    >>> from gustproof import Lti, lpvsyn
+    >>> from control import ss
+    >>> from gustproof import lpvsyn
     >>> D = [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]]
     >>> def plant(rho):
-    ...     return Lti(A=[[-rho[0]]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=D)
+    ...     return ss([[-rho[0]]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], D)
     >>> result = lpvsyn({(rho,): plant((rho,)) for rho in (1.0, 2.0, 3.0)}, 1, 1, speeds=(1.0,))
     >>> [round(float(pole), 1) < 0 for pole in result.at((2.5,)).poles().real]
     [True]
@@ -61,12 +66,10 @@ class ScheduledController(CheckedController):
     """[-] bound like `norm` at points between those of the grid; infinite if these matrices prove none."""
     points: tuple[Point, ...]
     """Points of the grid."""
-    controllers: tuple[Lti, ...]
-    """The controller at each point, all in the same states, for speeds of 0."""
     _at: Callable[[Point, Point], Lti]
     """The controller's formula, by a point and speeds."""
 
-    def at(self, rho: Sequence[float], speed: Sequence[float] | None = None) -> Lti:
+    def at(self, rho: Sequence[float], speed: Sequence[float] | None = None) -> "control.StateSpace":
         """Return the controller at any point within the grid, by its own formula and the plant there.
 
         `speed` is the parameters' derivative by time; it matters if the design took `speeds_measured` alone.
@@ -80,7 +83,8 @@ class ScheduledController(CheckedController):
         low, high = np.min(self.points, axis=0), np.max(self.points, axis=0)
         if len(point) != len(low) or np.any(point < low) or np.any(point > high):
             raise ValueError(f"{point} is outside the grid, from {tuple(low.tolist())} to {tuple(high.tolist())}")
-        return self._at(point, (0.0,) * len(point) if speed is None else tuple(float(value) for value in speed))
+        speeds = (0.0,) * len(point) if speed is None else tuple(float(value) for value in speed)
+        return self._at(point, speeds).to_control()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -88,7 +92,7 @@ class LftController(CheckedController):
     """A controller with a copy of the plant's parameters.
 
     `norm` bounds the L2 gain for parameters that change at any speed within their ranges. It is the H-infinity norm of
-    the scaled closed loop. `controller` is the one in the middle of the ranges.
+    the scaled closed loop. `K` is the one in the middle of the ranges.
 
     Examples
     --------
@@ -160,10 +164,11 @@ def lpvsyn(
 
     Examples
     --------
-    >>> from gustproof import Lti, lpvsyn
+    >>> from control import ss
+    >>> from gustproof import lpvsyn
     >>> D = [[0, 0, 0], [0, 0, 0.1], [0, 0.1, 0]]
     >>> def plant(rho):
-    ...     return Lti(A=[[-rho[0]]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=D)
+    ...     return ss([[-rho[0]]], [[1.0, 0.0, 1.0]], [[1.0], [0.0], [1.0]], D)
     >>> result = lpvsyn({(rho,): plant((rho,)) for rho in (1.0, 2.0, 3.0)}, 1, 1, speeds=(1.0,), plant=plant)
     >>> result.norm <= result.gamma
     True
@@ -248,7 +253,6 @@ class _GridDesign:
         least, _ = inequalities.least_level(tried=1)
         level = backoff * least
         matrices = inequalities.matrices(level, 1.0 + _SPREAD * (backoff - 1.0))
-        controllers = tuple(self._controller(matrices, rho, (0.0,) * len(rho), level) for rho in self.points)
         norm = max(self._level(matrices, rho, speeds, level) for rho in self.points)
         if not norm <= level:
             raise DesignError(f"rounding spoilt the controllers at gamma = {level:.6g}: their gain is {norm:.6g}")
@@ -259,7 +263,7 @@ class _GridDesign:
             raise DesignError("a frozen loop between the points of the grid is unstable: make the grid denser")
         norm_between = max(self._level(matrices, rho, speeds, level) for rho in between)
         return ScheduledController(
-            controller=controllers[len(controllers) // 2],
+            lti=self._controller(matrices, self.points[len(self.points) // 2], (0.0,) * len(self.points[0]), level),
             gamma=level,
             norm=norm,
             omega=worst.omega,
@@ -271,7 +275,6 @@ class _GridDesign:
             gamma_opt=least,
             norm_between=norm_between,
             points=tuple(self.points),
-            controllers=controllers,
             _at=lambda rho, drho: self._controller(matrices, rho, drho, level),
         )
 
@@ -345,9 +348,9 @@ def _lft_controller(P: Uncertain, n_meas: int, n_con: int, backoff: float) -> Lf
     plant = _scaled_plant(P.M, scaling, level, (n_meas, n_con))
     result = hinfsyn(plant, n_meas + sum(repeats), n_con + sum(repeats), gamma=1.0)
     outputs, inputs = (np.roll(range(count + sum(repeats)), sum(repeats)).tolist() for count in (n_con, n_meas))
-    scheduled = Uncertain(M=result.controller.subsystem(outputs, inputs), blocks=blocks)
+    scheduled = Uncertain(M=result.lti.subsystem(outputs, inputs), blocks=blocks)
     return LftController(
-        controller=scheduled.nominal_system(),
+        lti=scheduled.nominal_system(),
         gamma=level,
         norm=level * result.norm,
         omega=result.omega,

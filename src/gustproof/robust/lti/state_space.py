@@ -174,8 +174,9 @@ class Lti(Shown):
         """Return a `control.StateSpace` copy; `names` are its `inputs`, `outputs` and `states`."""
         import control  # takes seconds and loads matplotlib: imported on use only
 
+        dt = self.dt if self.order or self.dt else None  # of a gain python-control takes any sample time then
         return control.StateSpace(
-            self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), self.dt, remove_useless_states=False, **names
+            self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy(), dt, remove_useless_states=False, **names
         )
 
 

@@ -11,7 +11,7 @@ from gustproof.robust.lti.state_space import LinearSystem, Lti, as_controller, a
 from gustproof.robust.mu.singular_value import mu
 from gustproof.robust.mu.sweep import Bracket
 from gustproof.robust.shown import Shown
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append
+from gustproof.robust.uncertain.uncertain_system import Uncertain, stack
 from gustproof.robust.uncertain.uncertainty import FullBlock
 
 _ACCURACY = 4e-3
@@ -98,7 +98,7 @@ def diskmargin(L: LinearSystem, C: LinearSystem | ArrayLike | None = None, *, sk
         return DiskMargins(loops=loops, output=output)
     at_input = series(plant, controller)
     # v = (u, y) with u = -C y and y = P u: the loop of all signals
-    around = append(controller, -plant).M
+    around = stack(controller, -plant).M
     p, m = plant.n_outputs, plant.n_inputs
     crossed = around.subsystem(slice(None), [*range(p, p + m), *range(p)])
     return DiskMargins(

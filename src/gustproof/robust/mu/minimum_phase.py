@@ -8,7 +8,7 @@ import scipy
 
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix, gain, series
-from gustproof.robust.uncertain.uncertain_system import append
+from gustproof.robust.uncertain.uncertain_system import stack
 
 _LEAST_DAMPING, _MOST_DAMPING = 0.1, 30.0
 """[-] limits of the damping of each pair of poles and of zeros."""
@@ -113,7 +113,7 @@ def is_positive_real(a: MinimumPhase, b: MinimumPhase) -> bool:
     """Return whether `conj(b) a` has a positive real part everywhere: `(a - b) / (a + b)` is below 1."""
     if a is b:
         return True
-    both = append(a.system(), b.system()).M
+    both = stack(a.system(), b.system()).M
     total, difference = np.array([[1.0, 1.0]]), np.array([[1.0, -1.0]])
     one = np.ones((2, 1))
     A, B, C, D = both.A, both.B @ one, both.C, both.D @ one

@@ -282,7 +282,7 @@ def _automatic_start(problem: _Problem, order: int, tolerance: float) -> tuple[L
             failures.append(str(error))
             continue
         known = found.norm if problem.measure == "mu" and part is problem.plant.M else math.inf
-        candidates.append(_Candidate(found.controller, found.gamma_opt, known))
+        candidates.append(_Candidate(found.lti, found.gamma_opt, known))
     if not candidates:
         raise DesignError(failures[0])
     try:
@@ -295,7 +295,7 @@ def _automatic_start(problem: _Problem, order: int, tolerance: float) -> tuple[L
         weight[problem.plant.n_z : M.n_outputs - problem.n_meas] = _SHARE_OF_PERFORMANCE / candidates[-1].level
         modest = replace(problem.plant, M=Lti(A=M.A, B=M.B, C=weight * M.C, D=weight * M.D))
         steady = musyn(modest, problem.n_meas, problem.n_con, order=order, tolerance=tolerance)
-        return _best_start(problem, [_Candidate(steady.controller)])
+        return _best_start(problem, [_Candidate(steady.lti)])
 
 
 def _best_start(problem: _Problem, candidates: list[_Candidate]) -> tuple[Lti, MuStep]:
@@ -335,7 +335,7 @@ def _step(problem: _Problem, controller: Lti, upper: float, order: int) -> tuple
     for filters, orders in _filters(loop, problem.measure, upper, order):
         try:
             level = problem.least_level(filters, upper)
-            found = problem.design(filters, _BACKOFF * level, gamma=1.0).controller
+            found = problem.design(filters, _BACKOFF * level, gamma=1.0).lti
             closed = _close_loop(problem.plant, found)
         except (DesignError, ValueError, np.linalg.LinAlgError):
             continue  # rounding, or filters that are not well posed
@@ -432,7 +432,7 @@ def _result(problem: _Problem, controller: Lti, history: tuple[MuStep, ...]) -> 
     if not bracket.lower <= upper:
         raise DesignError(f"rounding spoilt the bounds: {bracket.lower:.6g} is attained, {upper:.6g} was proved")
     return MuResult(
-        controller=controller,
+        lti=controller,
         gamma=upper,
         norm=bracket.lower,
         omega=bracket.omega,

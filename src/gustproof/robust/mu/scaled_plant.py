@@ -7,7 +7,7 @@ import scipy
 
 from gustproof.robust.lti.state_space import Lti, Matrix, gain
 from gustproof.robust.mu.minimum_phase import MinimumPhase
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append, lft
+from gustproof.robust.uncertain.uncertain_system import Uncertain, join, stack
 
 Factors = tuple[MinimumPhase, MinimumPhase]
 """Stable factors a and b of a multiplier `conj(b) a`, with the real part D and the imaginary part G."""
@@ -24,7 +24,7 @@ def transform(P: Lti, filters: Lti, n_z: int, n_w: int) -> Lti:
     ValueError
         If the new loop is not well posed.
     """
-    return lft(_exchange(filters, n_z), P, n_w, n_z).M
+    return join(_exchange(filters, n_z), P, n_w, n_z).M
 
 
 def constant_filters(D: Sequence[Matrix], G: Sequence[Matrix]) -> Lti:
@@ -45,7 +45,7 @@ def dynamic_filters(factors: Sequence[Factors], sizes: Sequence[tuple[int, int]]
     says that (z + w) and (z - w), filtered by b and a, are passive; sum and difference of these are small in gain.
     """
     blocks = [_block_filters(pair, *size) for pair, size in zip(factors, sizes, strict=True)]
-    whole = append(*blocks).M
+    whole = stack(*blocks).M
     firsts = np.cumsum([0, *(n_w + n_z for n_w, n_z in sizes)]).tolist()
     z = [first + k for first, (_, n_z) in zip(firsts, sizes, strict=False) for k in range(n_z)]
     w = [first + n_z + k for first, (n_w, n_z) in zip(firsts, sizes, strict=False) for k in range(n_w)]
@@ -55,9 +55,9 @@ def dynamic_filters(factors: Sequence[Factors], sizes: Sequence[tuple[int, int]]
 def _block_filters(pair: Factors, n_w: int, n_z: int) -> Lti:
     a, b = pair
     if a is b:
-        return append(*[a.system()] * (n_z + n_w)).M
+        return stack(*[a.system()] * (n_z + n_w)).M
     apart, together = np.array([[1.0, -1.0], [1.0, 1.0]]), np.array([[0.5, 0.5], [-0.5, 0.5]])
-    passive: Uncertain = together @ append(a.system(), b.system()) @ apart
+    passive: Uncertain = together @ stack(a.system(), b.system()) @ apart
     return passive.M
 
 

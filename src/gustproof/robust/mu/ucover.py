@@ -12,7 +12,7 @@ from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, M
 from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors
 from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.elements import ultidyn
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append
+from gustproof.robust.uncertain.uncertain_system import Uncertain, stack
 
 if TYPE_CHECKING:
     import control
@@ -226,7 +226,7 @@ def _uncertain(centre: Lti, weight: Lti, form: Form) -> Uncertain:
     """Return the nominal model with the weighted unknown in its place."""
     p, m = centre.n_outputs, centre.n_inputs
     n_out, n_in = {"additive": (p, m), "input": (m, m), "output": (p, p)}[form]
-    unknown = append(*[weight] * n_out) @ ultidyn("unmodelled", n_out, n_in)
+    unknown = stack(*[weight] * n_out) @ ultidyn("unmodelled", n_out, n_in)
     if form == "additive":
         return unknown + centre
     around = unknown + gain(np.eye(n_in), centre.dt)

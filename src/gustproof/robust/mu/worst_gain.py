@@ -12,7 +12,7 @@ from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_
 from gustproof.robust.mu.worst_delta import most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.uncertain.elements import ultidyn, ureal
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, lft
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain, join, stack
 from gustproof.robust.uncertain.uncertainty import RealBlock
 
 _CLIMBS = 8
@@ -156,7 +156,7 @@ def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Un
             delta += [ureal(block.name, range=(low, high))] * block.repeats
         else:
             delta.append(radius * np.eye(block.shape[0]) @ ultidyn(block.name, *block.shape))
-    return lft(append(*delta), system.M, system.n_w, system.n_z)
+    return join(stack(*delta), system.M, system.n_w, system.n_z)
 
 
 def _box_gain(system: Uncertain, box: ParameterBox, accuracy: float, wanted: float | None) -> Bracket:

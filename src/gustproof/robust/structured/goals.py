@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 
 from gustproof.robust.lti.bilinear import bilinear_transform
-from gustproof.robust.lti.state_space import Lti, series
+from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, series
 
 Indices = tuple[int, ...] | None
 """Indices of channels, from 0; `None` for all."""
@@ -49,7 +49,7 @@ class GainGoal:
     """Channels of w."""
     outputs: Indices = None
     """Channels of z."""
-    weight: Lti | None = None
+    weight: LinearSystem | None = None
     """Filter on all outputs together, such as a differentiator with a lag."""
 
 
@@ -193,9 +193,10 @@ def _extract_gain(goal: GainGoal, P: Lti, n_meas: int, n_con: int, dt: float) ->
     inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
     part = _select_channels(P, [*outputs, *y], [*inputs, *u])
     if goal.weight is not None:
-        if goal.weight.dt != dt:
-            raise ValueError(f"goal '{goal.name}' has a weight with the sample time {goal.weight.dt} s, not {dt} s")
-        part = _apply_weight(part, bilinear_transform(goal.weight) if dt else goal.weight, n_meas)
+        weight = as_lti(goal.weight)
+        if weight.dt != dt:
+            raise ValueError(f"goal '{goal.name}' has a weight with the sample time {weight.dt} s, not {dt} s")
+        part = _apply_weight(part, bilinear_transform(weight) if dt else weight, n_meas)
     if dt and goal.measure is NormKind.RMS:
         one = np.eye(len(outputs))
         lag = Lti(A=-2.0 / dt * one, B=2.0 / dt * one, C=np.sqrt(dt) * one, D=0.0 * one)

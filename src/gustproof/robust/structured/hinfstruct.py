@@ -85,8 +85,6 @@ class StructResult(CheckedController):
     """[-] each hard goal's value over its limit, worst over the models, by the goal's name; at most 1."""
     gamma_opt: float | None
     """[-] least norm of any controller of the first model, from `hinfsyn`; `None` if that is not solvable."""
-    parts: dict[str, Lti]
-    """Tuned blocks by name, `blocks` in arithmetic."""
     theta: Matrix
     """(size,) parameters of the structure."""
     winner: int
@@ -95,11 +93,13 @@ class StructResult(CheckedController):
     """All starts in the order of the search."""
     evaluations: int
     """Number of evaluations of the objective."""
+    _parts: dict[str, Lti]
+    """The tuned blocks."""
 
     @property
     def blocks(self) -> dict[str, "control.StateSpace"]:
-        """Tuned blocks by name, for python-control."""
-        return {name: part.to_control() for name, part in self.parts.items()}
+        """Tuned blocks by name, copies at each call."""
+        return {name: part.to_control() for name, part in self._parts.items()}
 
 
 def hinfstruct(
@@ -382,7 +382,7 @@ def _starting_points(problem: Problem, starts: int, seed: int) -> tuple[float | 
         for backoff in _BACKOFFS:
             central = hinfsyn(bilinear_transform(model) if model.dt else model, n_meas, n_con, backoff=backoff)
             gamma_opt = central.gamma_opt
-            K = tustin(central.controller, model.dt) if model.dt else central.controller
+            K = tustin(central.lti, model.dt) if model.dt else central.lti
             theta = structure.fit(K) if structure.order else None
             if theta is not None:
                 found.append((f"central {backoff:g}", theta))
@@ -490,7 +490,7 @@ def _make_result(
     if not np.isfinite(top.gain):
         raise DesignError("rounding spoilt the controller: its closed loop is unstable")
     return StructResult(
-        controller=K,
+        lti=K,
         gamma=top.gain,
         norm=top.gain,
         omega=top.omega,
@@ -498,11 +498,11 @@ def _make_result(
         target=target,
         hard_goals=hard,
         gamma_opt=gamma_opt,
-        parts=problem.structure.systems(theta),
         theta=theta,
         winner=0,
         starts=tried,
         evaluations=objective.evaluations,
+        _parts=problem.structure.systems(theta),
     )
 
 

@@ -111,7 +111,7 @@ def robust_hinfstruct(
         progress(k / _MOST_ROUNDS, f"{len(models)} members{text}")
         problem = Problem(models=tuple(models), structure=structure, target=NORM, hard_goals=tuple(hard_goals))
         result = search_problem(problem, starts=starts, seed=seed, near=None if result is None else result.theta)
-        bracket = wcgain(lft(P, result.controller), accuracy=_ACCURACY, boxes=boxes)
+        bracket = wcgain(lft(P, result.lti), accuracy=_ACCURACY, boxes=boxes)
         history.append(bracket.upper)
         if best is None or hard_goals or bracket.upper < best[1].upper:
             best = result, bracket, k

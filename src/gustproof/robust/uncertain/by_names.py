@@ -1,14 +1,22 @@
 """Systems joined by the names of their signals."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from gustproof.robust.lti.state_space import Matrix
-from gustproof.robust.uncertain.uncertain_system import System, Uncertain, append, as_uncertain, feedback
+from gustproof.robust.uncertain.uncertain_system import Known, System, Uncertain, as_given, as_uncertain, close, stack
+
+if TYPE_CHECKING:
+    import control
 
 
-def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> Uncertain:
+@overload
+def connect(*systems: Known, inputs: Sequence[str], outputs: Sequence[str]) -> "control.StateSpace": ...
+@overload
+def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> Uncertain: ...
+def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> Any:
     """Return systems joined where an output has the name of an input (MATLAB: `connect`).
 
     Names come from `control.StateSpace`, `control.summing_junction` or `Uncertain.with_names`. An input
@@ -29,7 +37,7 @@ def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> 
     >>> loop.outputs, loop.substitute({"gain": 1.3}).poles().real
     (('y', 'u'), array([-6.2]))
     """
-    together = append(*systems)
+    together = stack(*systems)
     made, read = together.outputs, together.inputs
     known = dict.fromkeys((*made, *read))
     for faults, fault in (
@@ -44,10 +52,10 @@ def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> 
     ):
         if faults:
             raise ValueError(fault.format(faults[0]))
-    loop = feedback(together, _selection(read, made), sign=1.0) @ _selection(read, inputs)
+    loop = close(together, _selection(read, made), 1.0) @ _selection(read, inputs)
     # an output may be an input of the whole, passed on
     whole = as_uncertain(_selection(outputs, made)) @ loop + _selection(outputs, inputs)
-    return whole.with_names(inputs=inputs, outputs=outputs)
+    return as_given(whole.with_names(inputs=inputs, outputs=outputs), systems)
 
 
 def _selection(rows: Sequence[str], columns: Sequence[str]) -> Matrix:

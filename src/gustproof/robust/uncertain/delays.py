@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from gustproof.robust.lti.state_space import LinearSystem, Lti, as_lti, delay, gain, series
-from gustproof.robust.uncertain.uncertain_system import Uncertain, append, as_uncertain, system_from_matrix
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain, stack, system_from_matrix
 
 _WHOLE = 1e-6
 """[-] largest distance of a delay from a whole number of samples."""
@@ -35,7 +35,7 @@ def uncertain_delay(delay: Uncertain, *, order: int = 2) -> Uncertain:
     C, D = (numerator - numerator[n] * denominator)[:n], numerator[n]
     # for 1 s; time scales with the delay: x' = (A x + B u) / delay
     unit = np.block([[A, np.eye(n)[:, -1:]], [C[None], np.array([[D]])]])
-    return system_from_matrix(append(*[delay.inverse()] * n, 1.0) @ unit, n)
+    return system_from_matrix(stack(*[delay.inverse()] * n, 1.0) @ unit, n)
 
 
 def delay_controls(P: LinearSystem, n_con: int, seconds: float, *, order: int = 2) -> Lti:
@@ -70,5 +70,5 @@ def delay_controls(P: LinearSystem, n_con: int, seconds: float, *, order: int = 
         for _ in range(samples - 1):
             late = series(late, delay(n_con, G.dt))
     else:
-        late = append(*[uncertain_delay(as_uncertain([[seconds]]), order=order)] * n_con).M
-    return series(append(gain(np.eye(G.n_inputs - n_con), G.dt), late).M, G)
+        late = stack(*[uncertain_delay(as_uncertain([[seconds]]), order=order)] * n_con).M
+    return series(stack(gain(np.eye(G.n_inputs - n_con), G.dt), late).M, G)

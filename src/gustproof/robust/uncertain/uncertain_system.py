@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import scipy
@@ -181,7 +181,7 @@ class Uncertain(Shown):
             for block in self.blocks:
                 fixed = gain(delta_matrix((block,), {block.name: numbers[block.name]} if block.name in numbers else {}))
                 parts += [systems[block.name]] * block.repeats if block.name in systems else [fixed]
-            K = append(*parts).M
+            K = stack(*parts).M
         outputs, inputs = _move_last(self.M.n_outputs, range(self.n_z)), _move_last(self.M.n_inputs, range(self.n_w))
         return close_known(self.M.subsystem(outputs, inputs), K)
 
@@ -268,7 +268,14 @@ class Uncertain(Shown):
 
     def feedback(self, K: "System" = 1.0, sign: float = -1.0) -> "Uncertain":
         """Return `feedback(self, K, sign)`; so `control.feedback` takes an uncertain system too."""
-        return feedback(self, K, sign)
+        return close(self, K, sign)
+
+    def append(self, other: "System") -> "Uncertain":
+        """Return `append(self, other)`; so `control.append` takes an uncertain system in the first place."""
+        return stack(self, other)
+
+    def update_names(self) -> None:
+        """Change nothing: `control.series`, `parallel` and `append` end with it."""
 
     def __getitem__(self, channels: "tuple[_Channels, _Channels]") -> "Uncertain":
         if not isinstance(channels, tuple) or len(channels) != 2:
@@ -287,7 +294,7 @@ class Uncertain(Shown):
         if _shape(X) != _shape(Y):
             raise ValueError(f"the sum of systems of {_size(X)} and {_size(Y)}: sizes must be equal")
         n, p = np.eye(X.n_inputs), np.eye(X.n_outputs)
-        both = _series(_series(np.vstack([n, n]), append(X, Y)), np.hstack([p, p]))
+        both = _series(_series(np.vstack([n, n]), stack(X, Y)), np.hstack([p, p]))
         return _tidy(replace(both, inputs=X.inputs, outputs=X.outputs))
 
     def __radd__(self, other: "System") -> "Uncertain":
@@ -332,7 +339,9 @@ class Uncertain(Shown):
         return power
 
 
-System = Uncertain | LinearSystem | ArrayLike
+Known = LinearSystem | ArrayLike
+"""A known system, a matrix or a number."""
+System = Uncertain | Known
 """An operand of the algebra: an uncertain or known system, a matrix or a number."""
 _Channels = int | str | slice | Sequence[int | str]
 
@@ -438,8 +447,14 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     return replace(system, M=found.M, blocks=found.blocks)
 
 
-def append(*systems: System) -> Uncertain:
+@overload
+def append(*systems: Known) -> "control.StateSpace": ...
+@overload
+def append(*systems: System) -> Uncertain: ...
+def append(*systems: System) -> Any:
     """Return the systems side by side, not connected (MATLAB: `append`, `blkdiag`); parameters of one name are one.
+
+    As of `lft`, `feedback` and `connect`, the result of known systems alone is a `control.StateSpace`.
 
     Raises
     ------
@@ -456,6 +471,11 @@ def append(*systems: System) -> Uncertain:
     >>> (plant.n_outputs, plant.n_inputs, musyn(plant, 1, 1, measure="l2gain").order)
     (3, 3, 1)
     """
+    return as_given(stack(*systems), systems)
+
+
+def stack(*systems: System) -> Uncertain:
+    """Return the systems side by side as `append` does, known ones too."""
     parts = [as_uncertain(system) for system in systems]
     dt = _sample_time(parts)
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(part.M, name) for part in parts)) for name in ("A", "B", "C", "D"))
@@ -467,6 +487,13 @@ def append(*systems: System) -> Uncertain:
     return merged.with_names(inputs=into, outputs=out)
 
 
+def as_given(found: Uncertain, given: Sequence[System]) -> Any:
+    """Return what was found of known systems alone as python-control's, else as it is."""
+    if found.blocks or any(isinstance(each, Uncertain) for each in given):
+        return found
+    return found.M.to_control(**found.labels())
+
+
 def _sample_time(parts: Sequence[Uncertain]) -> float:
     times = {part.M.dt for part in parts if part.M.order or part.M.dt}
     if len(times) > 1:
@@ -475,7 +502,11 @@ def _sample_time(parts: Sequence[Uncertain]) -> float:
     return max(times, default=0.0)
 
 
-def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) -> Uncertain:
+@overload
+def lft(P: Known, K: Known, n_y: int | None = None, n_u: int | None = None) -> "control.StateSpace": ...
+@overload
+def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) -> Uncertain: ...
+def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) -> Any:
     """Return two systems with signals joined: `K` closes the last channels of `P`, or `P` the first of `K`.
 
     The last `n_y` outputs of `P` are the first inputs of `K`; the first `n_u` outputs of `K` are the last inputs of
@@ -499,6 +530,11 @@ def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) ->
     >>> lft(plant, -4.0).substitute({}).poles().real
     array([-5.])
     """
+    return as_given(join(P, K, n_y, n_u), (P, K))
+
+
+def join(P: System, K: System, n_y: int | None = None, n_u: int | None = None) -> Uncertain:
+    """Return two systems with signals joined as `lft` does, known ones too."""
     upper, lower = as_uncertain(P), as_uncertain(K)
     if n_y is None or n_u is None:
         whole = lower if lower.n_inputs <= upper.n_outputs and lower.n_outputs <= upper.n_inputs else upper
@@ -510,7 +546,7 @@ def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) ->
     outputs = (*upper.outputs[: p - n_y], *lower.outputs[n_u:])
     if not lower.blocks and (n_u, n_y) == _shape(lower):
         return Uncertain(M=close_known(upper.M, lower.M), blocks=upper.blocks, inputs=inputs, outputs=outputs)
-    both = append(upper, lower)
+    both = stack(upper, lower)
     # external channels come first, joined ones last: (P, K) outputs and (P, K) inputs
     n_z, n_w = both.n_z, both.n_w
     down, up = range(n_z + p - n_y, n_z + p + n_u), range(n_w + m - n_u, n_w + m + n_y)
@@ -519,7 +555,11 @@ def lft(P: System, K: System, n_y: int | None = None, n_u: int | None = None) ->
     return Uncertain(M=close_known(M, gain(joined, M.dt)), blocks=both.blocks, inputs=inputs, outputs=outputs)
 
 
-def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain:
+@overload
+def feedback(G: Known, K: Known = 1.0, sign: float = -1.0) -> "control.StateSpace": ...
+@overload
+def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain: ...
+def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Any:
     """Return `y = G (u + sign K y)`: negative feedback, as in MATLAB and python-control.
 
     A `K` of one channel acts on each of the channels of `G`.
@@ -537,6 +577,11 @@ def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain:
     >>> loop.substitute({"gain": 3.0}).poles().real
     array([-4.])
     """
+    return as_given(close(G, K, sign), (G, K))
+
+
+def close(G: System, K: System, sign: float) -> Uncertain:
+    """Return the loop of `feedback`, of known systems too."""
     plant, K = as_uncertain(G), as_uncertain(K)
     controller = _repeat(K, plant.n_outputs) if plant.n_inputs == plant.n_outputs else K
     if _shape(controller) != _shape(plant)[::-1]:
@@ -546,7 +591,7 @@ def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Uncertain:
         raise ValueError("the feedback is not well posed: its loop without lag has no unique solution")
     p, m = np.eye(plant.n_outputs), np.eye(plant.n_inputs)
     doubled = _series(_series(np.hstack([m, m]), plant), np.vstack([p, p]))
-    closed = lft(doubled, sign * controller, plant.n_outputs, plant.n_inputs)
+    closed = join(doubled, sign * controller, plant.n_outputs, plant.n_inputs)
     return _tidy(replace(closed, inputs=plant.inputs, outputs=plant.outputs))
 
 
@@ -642,12 +687,12 @@ def _size(system: Uncertain) -> str:
 def _series(first: System, last: System) -> Uncertain:
     """Return `last` behind `first`, which has as many outputs as `last` has inputs."""
     first = as_uncertain(first)
-    return lft(first, last, first.n_outputs, 0)
+    return join(first, last, first.n_outputs, 0)
 
 
 def _repeat(system: Uncertain, count: int) -> Uncertain:
     """Return a system of one channel for each of `count` channels, any other as it is."""
-    return append(*[system] * count) if _shape(system) == (1, 1) else system
+    return stack(*[system] * count) if _shape(system) == (1, 1) else system
 
 
 def _spread(system: Uncertain, shape: tuple[int, int]) -> Uncertain:

@@ -31,7 +31,7 @@ def test_the_disturbance_process_of_skogestad_and_postlethwaite():
     result = ncfsyn(G, W1, backoff=1.1)
     assert 1.0 / result.emax == pytest.approx(2.34, abs=0.005)
     assert result.order == 5
-    shaped, robust = control.ss(result.shaped.to_control()), -(G.to_control() * result.K)
+    shaped, robust = series(G, W1).to_control(), -(G.to_control() * result.K)
     for loop, expected in ((shaped, (1.62, 13.2, 13.7)), (robust, (3.48, 51.5, 10.3))):
         gain_margin, phase_margin, _, _, crossover, _ = control.stability_margins(loop)
         assert (gain_margin, phase_margin, crossover) == (
@@ -72,7 +72,7 @@ def test_norm_is_between_the_least_and_the_level_and_keeps_under_similarity_and_
     result = ncfsyn(G)
     assert 1.0 / result.emax <= result.norm * (1.0 + 1e-6) <= result.gamma * (1.0 + 2e-6)
     assert result.margin * result.norm == pytest.approx(1.0)
-    assert lft(_feedback_plant(G), result.controller).is_stable()
+    assert lft(_feedback_plant(G), result.lti).is_stable()
     T = np.random.default_rng(seed).normal(size=G.A.shape)
     similar = Lti(A=np.linalg.solve(T, G.A @ T), B=np.linalg.solve(T, G.B), C=G.C @ T, D=G.D, dt=dt)
     dual = Lti(A=G.A.T, B=G.C.T, C=G.B.T, D=G.D.T, dt=dt)
@@ -90,12 +90,12 @@ def test_weights_of_inverse_gains_leave_the_shaped_loop():
     scaled = Lti(A=G.A, B=G.B * scale, C=G.C, D=G.D * scale)
     plain, weighted = ncfsyn(G), ncfsyn(scaled, gain(np.eye(G.n_inputs) / scale))
     assert weighted.emax == pytest.approx(plain.emax, rel=1e-9)
-    np.testing.assert_allclose(weighted.controller.C * scale, plain.controller.C, rtol=1e-6)
+    np.testing.assert_allclose(weighted.lti.C * scale, plain.lti.C, rtol=1e-6)
 
 
 def test_the_sign_is_that_of_positive_feedback():
     # K of a positive integrator is negative at rest: u = K y brings y back
-    K = ncfsyn(transfer([1.0], [1.0, 0.0])).controller
+    K = ncfsyn(transfer([1.0], [1.0, 0.0])).lti
     assert K.response(0.0)[0, 0, 0].real < 0.0
 
 

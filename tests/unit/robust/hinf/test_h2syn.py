@@ -24,7 +24,7 @@ def random_plant(seed: int) -> Lti:
 def test_h2syn_reaches_its_norm_and_no_change_of_it_is_better(seed):
     P = random_plant(seed)
     result = h2syn(P, 2, 2)
-    K = result.controller
+    K = result.lti
     assert h2_norm(lft(P, K)) == pytest.approx(result.gamma, rel=1e-6)
     rng = np.random.default_rng(seed)
     for _ in range(5):
@@ -44,7 +44,7 @@ def test_h2syn_solves_a_singular_plant_on_request_and_tells_the_cost():
     result = h2syn(P, 1, 1, regularize=True)
     assert result.regularization > 0.0
     assert result.gamma_excess > 0.0
-    assert h2_norm(lft(P, result.controller)) == pytest.approx(result.norm, rel=1e-6)
+    assert h2_norm(lft(P, result.lti)) == pytest.approx(result.norm, rel=1e-6)
     assert result.norm <= result.gamma
 
 
@@ -67,7 +67,7 @@ def test_a_sampled_controller_has_the_least_norm_with_feedthrough_everywhere(see
     D[3:, 3:] *= 0.2
     P = Lti(A=0.8 * rng.normal(size=(4, 4)), B=rng.normal(size=(4, 5)), C=rng.normal(size=(5, 4)), D=D, dt=0.1)
     result = h2syn(P, 2, 2)
-    K = result.controller
+    K = result.lti
     assert h2_norm(lft(P, K)) == pytest.approx(result.gamma, rel=1e-9)
     for _ in range(6):
         changes = {name: getattr(K, name) + 0.01 * rng.normal(size=getattr(K, name).shape) for name in "ABCD"}

@@ -72,8 +72,8 @@ def test_the_controller_estimates_the_plants_states_in_their_order():
     # driven by what it commands, an H-infinity estimate follows the plant: attitude to the worst-case disturbance aside
     P = design_plant("D1")
     result = hinfsyn(P, 3, 3, gamma=0.25)
-    A = result.controller.A
-    assert np.allclose(A[:3, 3:6] + result.controller.B[:3], np.eye(3), atol=0.01)
+    A = result.lti.A
+    assert np.allclose(A[:3, 3:6] + result.lti.B[:3], np.eye(3), atol=0.01)
     assert np.allclose(A[6:, 6:], np.diag(np.diag(A[6:, 6:])), atol=1e-9)
 
 
@@ -84,14 +84,14 @@ def test_a_feedthrough_from_control_to_measurement_changes_the_controller_not_th
     without = Lti(A=P.A, B=P.B, C=P.C, D=D)
     first, second = hinfsyn(P, n_meas, n_con), hinfsyn(without, n_meas, n_con)
     omega = np.geomspace(0.01, 100.0, 7)
-    ours = lft(P, first.controller).response(omega)
-    assert np.allclose(ours, lft(without, second.controller).response(omega), rtol=1e-6, atol=1e-9)
+    ours = lft(P, first.lti).response(omega)
+    assert np.allclose(ours, lft(without, second.lti).response(omega), rtol=1e-6, atol=1e-9)
 
 
 def test_python_controls_objects_go_in_and_come_out():
     result = hinfsyn(design_plant("D1").to_control(), 3, 3, gamma=0.25)
     assert isinstance(result.K, control.StateSpace)
-    assert np.array_equal(as_lti(result.K).A, result.controller.A)
+    assert np.array_equal(as_lti(result.K).A, result.lti.A)
 
 
 def beside_each_other(plants: list[tuple[Lti, int, int]], rng: np.random.Generator) -> tuple[Lti, list[dict]]:
@@ -124,10 +124,10 @@ def test_the_controller_of_plants_that_share_nothing_is_their_controllers(seed):
     parts = [hinfsyn(*plant, gamma=whole.gamma) for plant in plants]
     assert whole.gamma_opt == pytest.approx(max(part.gamma_opt for part in parts), rel=1e-6)
     assert whole.norm == pytest.approx(max(part.norm for part in parts), rel=1e-6)
-    omega, between = np.geomspace(0.01, 100.0, 9), {name: getattr(whole.controller, name).copy() for name in "ABCD"}
-    responses = whole.controller.response(omega)
+    omega, between = np.geomspace(0.01, 100.0, 9), {name: getattr(whole.lti, name).copy() for name in "ABCD"}
+    responses = whole.lti.response(omega)
     for part, at in zip(parts, places, strict=True):
-        alone = part.controller.response(omega)
+        alone = part.lti.response(omega)
         assert np.allclose(responses[:, at["u"][:, None], at["y"]], alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max())
         for name, rows, columns in (("A", "x", "x"), ("B", "x", "y"), ("C", "u", "x"), ("D", "u", "y")):
             between[name][np.ix_(at[rows], at[columns])] = 0.0
@@ -140,10 +140,10 @@ def test_what_no_control_reaches_changes_no_controller():
     both, (at, alone) = beside_each_other([(P, n_meas, n_con), lag], np.random.default_rng(0))
     ours, theirs = hinfsyn(both, n_meas, n_con), hinfsyn(P, n_meas, n_con)
     omega = np.geomspace(0.01, 100.0, 9)
-    part = theirs.controller.response(omega)
-    assert np.allclose(ours.controller.response(omega)[:, at["u"][:, None], at["y"]], part, rtol=1e-6, atol=1e-9)
-    assert not ours.controller.A[np.ix_(at["x"], alone["x"])].any()
-    assert not ours.controller.A[np.ix_(alone["x"], at["x"])].any()
+    part = theirs.lti.response(omega)
+    assert np.allclose(ours.lti.response(omega)[:, at["u"][:, None], at["y"]], part, rtol=1e-6, atol=1e-9)
+    assert not ours.lti.A[np.ix_(at["x"], alone["x"])].any()
+    assert not ours.lti.A[np.ix_(alone["x"], at["x"])].any()
 
 
 def test_a_level_below_the_least_is_refused_with_both_numbers():
@@ -241,8 +241,8 @@ def test_discrete_plant_has_the_level_of_its_bilinear_image():
     discrete = discretize_tustin(P, 0.1)
     ours, continuous = hinfsyn(discrete, n_meas, n_con), hinfsyn(P, n_meas, n_con)
     assert ours.gamma_opt == pytest.approx(continuous.gamma_opt, rel=1e-6)
-    assert ours.controller.dt == 0.1
-    loop = lft(discrete, ours.controller)
+    assert ours.lti.dt == 0.1
+    loop = lft(discrete, ours.lti)
     assert loop.is_stable()
     assert hinf_norm(loop).gain == pytest.approx(ours.norm, rel=1e-9)
 
@@ -251,7 +251,7 @@ def test_discrete_plant_has_the_level_of_its_bilinear_image():
 def test_discrete_plant_with_a_pole_on_the_circle_is_solved(pole):
     P = Lti(A=[[pole]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=GOOD_D, dt=0.5)
     result = hinfsyn(P, 1, 1)
-    assert lft(P, result.controller).is_stable()
+    assert lft(P, result.lti).is_stable()
     assert result.norm < result.gamma
 
 
@@ -333,14 +333,14 @@ def test_singular_plant_is_solved_on_request_and_its_cost_told():
     result = hinfsyn(P, 1, 1, regularize=True)
     assert result.regularization > 0.0
     assert 0.0 < result.gamma_excess < 1e-3 * result.gamma_opt
-    assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.norm, rel=1e-9)
+    assert hinf_norm(lft(P, result.lti)).gain == pytest.approx(result.norm, rel=1e-9)
     assert result.norm_error <= 1e-6 * result.norm
 
 
 def test_regular_plant_is_not_regularised():
     P, n_meas, n_con = random_plant(1)
     plain, asked = hinfsyn(P, n_meas, n_con), hinfsyn(P, n_meas, n_con, regularize=True)
-    assert np.array_equal(plain.controller.A, asked.controller.A)
+    assert np.array_equal(plain.lti.A, asked.lti.A)
     assert asked.regularization == asked.gamma_excess == 0.0
 
 

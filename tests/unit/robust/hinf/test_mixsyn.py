@@ -25,7 +25,7 @@ def test_mixsyn_reaches_the_level_that_skogestad_prints():
 
 def test_mixsyn_closes_negative_feedback():
     result = mixsyn(G, W1, 1.0)
-    S = sensitivity(series(result.controller, as_lti(control.tf2ss(G))))
+    S = sensitivity(series(result.lti, as_lti(control.tf2ss(G))))
     weighted = hinf_norm(series(S, as_lti(control.tf2ss(W1)))).gain
     told = next(check for check in result.checks if "W1 S" in check)
     assert float(told.split()[-1]) == pytest.approx(weighted, rel=1e-5)
@@ -43,7 +43,7 @@ def test_mixsyn_solves_a_plant_with_an_integrator_and_one_sampled():
     W = control.tf([0.5, 1.0], [1.0, 0.01])
     assert mixsyn(lag, W, 0.1).regularization > 0.0
     sampled = mixsyn(control.sample_system(lag, 0.1), control.sample_system(W, 0.1, method="tustin"), 0.1)
-    assert sampled.controller.dt == 0.1
+    assert sampled.lti.dt == 0.1
     assert sampled.norm < sampled.gamma
 
 

@@ -199,7 +199,7 @@ def test_a_disk_margin_says_which_gains_and_phases_it_covers():
     assert SPINNING.loops[0].gains == (0.0, math.inf)
     lag = tf(25, [1, 10, 10, 10])
     S = diskmargin(lag, skew=1.0).output  # its margin is 1 / Ms, that of T at the skew -1
-    assert S.lower == pytest.approx(1.0 / hinf_norm(feedback(1, lag).M).gain, rel=1e-6)
+    assert S.lower == pytest.approx(1.0 / hinf_norm(feedback(1, lag)).gain, rel=1e-6)
     assert S.gains[0] == pytest.approx(1.0 / (1.0 + S.lower))
     T = diskmargin(lag, skew=-1.0).output
     assert T.gains == pytest.approx((1.0 - T.lower, 1.0 + T.lower))

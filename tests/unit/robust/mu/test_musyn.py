@@ -45,7 +45,7 @@ def test_bounds_bracket_and_the_history_falls(measure):
     assert len(uppers) > 1
     assert all(after < before for before, after in itertools.pairwise(uppers))
     assert found.norm == found.lower <= found.upper == found.gamma <= uppers[-1]
-    loop = lft(lag(), found.controller)
+    loop = lft(lag(), found.lti)
     if measure == "mu":  # the loop alone is asked again, without musyn's filters
         assert mu(loop).upper <= SLACK * uppers[-1]
     else:
@@ -65,12 +65,12 @@ def test_a_linear_controller_of_design_d2_is_certified_over_an_envelope_where_th
     vehicle = load_vehicle("paper")
     problem = design_problem(design, vehicle)
     airframe = uncertain_airframe(rotation(vehicle.inertia_B, envelope), leak=design.leak, rate_damping=0.05)
-    nominal = hinfsyn(problem.plant(), 3, 3, gamma=design.gamma).controller
+    nominal = hinfsyn(problem.plant(), 3, 3, gamma=design.gamma).lti
     found = musyn(fill_diagram(problem, {"airframe": airframe}), 3, 3, measure="l2gain", tolerance=0.5, start=nominal)
     assert found.history[0].upper == pytest.approx(7.667, abs=0.001)
     assert found.order == 9
     monkeypatch.setattr(lft_gain, "lower_bound", lambda *_: 0.0)  # a search of seconds that no proof needs
-    certificate = certify_gain(problem, found.controller, angle=0.3, rate=0.5, level=1.1)
+    certificate = certify_gain(problem, found.lti, angle=0.3, rate=0.5, level=1.1)
     assert certificate.proven
     assert found.lower <= found.upper <= 1.1
 
@@ -80,7 +80,7 @@ def test_the_start_is_kept_if_nothing_is_better_and_is_never_worse_than_given():
     found = musyn(lag(), 1, 1, measure="l2gain", tolerance=0.5, start=K)
     assert found.history[0].order == 0
     assert found.upper <= found.history[0].upper
-    again = musyn(lag(), 1, 1, measure="l2gain", tolerance=0.5, start=found.controller)
+    again = musyn(lag(), 1, 1, measure="l2gain", tolerance=0.5, start=found.lti)
     assert again.upper <= found.upper * (1.0 + 1e-6)
 
 
@@ -90,10 +90,10 @@ def test_a_start_is_found_where_h_infinity_controllers_have_no_finite_bound():
     unstable = Lti(A=[[1.0]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=D)
     P = unstable @ append(np.eye(2), ureal("k", range=(0.3, 1.7)))
     for part in (P.M, P.nominal_system()):
-        loop = lft(P, hinfsyn(part, 1, 1, backoff=module._BACKOFF).controller)
+        loop = lft(P, hinfsyn(part, 1, 1, backoff=module._BACKOFF).lti)
         assert module._upper_bound(loop, "l2gain") == np.inf
     found = musyn(P, 1, 1, order=1, measure="l2gain", tolerance=0.5)
-    members = [hinf_norm(lft(P, found.controller).member({"k": d})).gain for d in (-1.0, 0.0, 1.0)]
+    members = [hinf_norm(lft(P, found.lti).member({"k": d})).gain for d in (-1.0, 0.0, 1.0)]
     assert max(members) <= found.upper < 10.0
 
 

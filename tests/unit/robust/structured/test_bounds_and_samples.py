@@ -34,14 +34,14 @@ def axis(dt: float = 0.0) -> Lti:
 
 
 def closed_poles(result: StructResult, P: Lti) -> np.ndarray:
-    return lft(P, result.controller).poles()
+    return lft(P, result.lti).poles()
 
 
 @pytest.mark.slow
 def test_a_sampled_plant_gets_a_sampled_controller_with_the_norm_of_its_own_loop():
     P = axis(0.05)
     result = hinfstruct(P, 2, 1, order=1, starts=1)
-    K = result.controller
+    K = result.lti
     assert K.dt == 0.05
     # python-control's feedback and numpy's frequency response, nothing of ours
     plant, k = P.to_control(), K.to_control()
@@ -72,7 +72,7 @@ def test_a_sampled_pid_is_tuned_with_its_own_states():
     kept = np.exp(-1.0)
     expected = k_p + k_i * 0.05 / (z - 1.0) + 20.0 * k_d * (1.0 - (1.0 - kept) / (z - kept))
     assert result.blocks["pid"].dt == 0.05
-    assert np.allclose(result.controller.response([4.0])[0], [[expected, 0.0]], rtol=1e-9)
+    assert np.allclose(result.lti.response([4.0])[0], [[expected, 0.0]], rtol=1e-9)
 
 
 def test_the_sampled_h2_norm_is_that_of_its_own_gramian():
@@ -128,11 +128,11 @@ def test_a_minimum_decay_and_a_pole_radius_are_kept_at_a_price(goal):
 @pytest.mark.slow
 def test_a_bound_on_the_gain_is_kept_and_used_up():
     free = hinfstruct(axis(), 2, 1, starts=1)
-    goal = ControllerSizeGoal(limit=0.7 * float(np.max(np.abs(free.controller.D))), entries=True)
+    goal = ControllerSizeGoal(limit=0.7 * float(np.max(np.abs(free.lti.D))), entries=True)
     held = hinfstruct(axis(), 2, 1, starts=1, hard_goals=[goal])
-    assert 0.99 * goal.limit < np.max(np.abs(held.controller.D)) <= goal.limit
+    assert 0.99 * goal.limit < np.max(np.abs(held.lti.D)) <= goal.limit
     assert held.norm > free.norm
-    assert hinf_norm(lft(axis(), held.controller)).gain == pytest.approx(held.norm, rel=1e-6)
+    assert hinf_norm(lft(axis(), held.lti)).gain == pytest.approx(held.norm, rel=1e-6)
 
 
 def test_the_limits_of_the_new_goals_must_be_positive():

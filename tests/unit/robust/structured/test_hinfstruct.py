@@ -97,7 +97,7 @@ def test_a_gain_that_would_grow_without_end_is_kept_below_1e4():
     D[:6, 4:] = plant["D12"]
     limit = ControllerSizeGoal(limit=1e4)
     result = hinfstruct(Lti(A=plant["A"], B=B, C=C, D=D), 4, 2, starts=1, hard_goals=[limit])
-    assert np.linalg.norm(result.controller.D, 2) <= 1e4
+    assert np.linalg.norm(result.lti.D, 2) <= 1e4
     assert result.gamma <= NEAR * 14.8561  # the least found with gains up to 1.6e5
 
 
@@ -109,10 +109,10 @@ def test_two_states_an_axis_come_within_two_percent_of_any_controller(name):
     result = hinfstruct(P, 3, 3, structure=decoupled_structure(2, 3, 3), starts=2)
     assert result.order == 6
     assert result.gamma <= 1.02 * result.gamma_opt
-    assert hinf_norm(lft(P, result.controller)).gain == pytest.approx(result.gamma, rel=1e-3)
+    assert hinf_norm(lft(P, result.lti)).gain == pytest.approx(result.gamma, rel=1e-3)
     assert result.starts[result.winner].target == min(start.target for start in result.starts)
     # no axis reads or drives another
-    response = result.controller.response([0.1, 10.0])
+    response = result.lti.response([0.1, 10.0])
     assert np.all(response[:, ~np.eye(3, dtype=bool)] == 0.0)
 
 
@@ -146,7 +146,7 @@ def test_blocks_are_tuned_by_name_and_what_is_not_there_stays_zero():
     s = 3.0j
     k_p, k_i, k_d, pitch, a, b, c = result.theta
     expected = np.diag([k_p + k_i / s + k_d * s / (s / 50.0 + 1.0), pitch, c * b / (s - a)])
-    assert np.allclose(result.controller.response([3.0])[0], expected, rtol=1e-9, atol=1e-12)
+    assert np.allclose(result.lti.response([3.0])[0], expected, rtol=1e-9, atol=1e-12)
     assert np.allclose(result.blocks["pitch"].D, pitch)
 
 
@@ -185,9 +185,9 @@ def test_the_worst_of_several_models_counts():
     structure = observer_structure(2, 1, leak=0.05)
     robust = hinfstruct(models, 1, 1, structure=structure, starts=1)
     nominal = hinfstruct(models[1], 1, 1, structure=structure, starts=1)
-    norms = [hinf_norm(lft(model, robust.controller)).gain for model in models]
+    norms = [hinf_norm(lft(model, robust.lti)).gain for model in models]
     assert robust.gamma == pytest.approx(max(norms), rel=1e-3)
-    assert robust.gamma < max(hinf_norm(lft(model, nominal.controller)).gain for model in models)
+    assert robust.gamma < max(hinf_norm(lft(model, nominal.lti)).gain for model in models)
 
 
 def sensitivity_peak(K: Lti) -> float:
@@ -200,9 +200,9 @@ def sensitivity_peak(K: Lti) -> float:
 def test_a_limit_on_ms_is_kept_and_has_its_price():
     P, structure = roll(), full_structure(1, 1, 1)
     free = hinfstruct(P, 1, 1, structure=structure, starts=1)
-    limit = 1.0 + 0.5 * (sensitivity_peak(free.controller) - 1.0)
+    limit = 1.0 + 0.5 * (sensitivity_peak(free.lti) - 1.0)
     held = hinfstruct(P, 1, 1, structure=structure, starts=1, hard_goals=[SensitivityGoal(limit=limit)])
-    assert sensitivity_peak(held.controller) <= limit * (1.0 + 1e-6)
+    assert sensitivity_peak(held.lti) <= limit * (1.0 + 1e-6)
     assert held.hard_goals["Ms"] <= 1.0
     assert held.gamma > free.gamma
 
@@ -218,22 +218,22 @@ def test_least_rms_error_at_a_limit_on_torque_rms_uses_up_the_limit():
     )
     # the error alone would ask for endless gain
     loose = hinfstruct(roll(), 1, 1, structure=structure, starts=1, soft_goal=GainGoal(measure=NormKind.RMS))
-    closed = lft(roll(), loose.controller)
+    closed = lft(roll(), loose.lti)
     limit = 0.7 * h2_norm(closed.subsystem(slice(1, 2), slice(0, 2)))
     limited = GainGoal(name="torque", limit=limit, measure=torque.measure, outputs=torque.outputs)
     tight = hinfstruct(roll(), 1, 1, structure=structure, starts=1, soft_goal=error, hard_goals=[limited])
-    closed = lft(roll(), tight.controller)
+    closed = lft(roll(), tight.lti)
     assert h2_norm(closed.subsystem(slice(0, 1), slice(0, 2))) == pytest.approx(tight.target, rel=1e-6)
     assert 0.99 * limit < h2_norm(closed.subsystem(slice(1, 2), slice(0, 2))) <= limit
-    assert tight.target > h2_norm(lft(roll(), loose.controller).subsystem(slice(0, 1), slice(0, 2)))
+    assert tight.target > h2_norm(lft(roll(), loose.lti).subsystem(slice(0, 1), slice(0, 2)))
 
 
 @pytest.mark.slow
 def test_controller_stability_and_roll_off_are_kept():
     limits = [StabilityGoal(margin=1.0), RollOffGoal(corner=300.0, limit=60.0)]
     result = hinfstruct(roll(), 1, 1, structure=decoupled_structure(2, 1, 1), starts=1, hard_goals=limits)
-    assert np.max(result.controller.poles().real) <= -1.0
-    P, K = roll(), result.controller
+    assert np.max(result.lti.poles().real) <= -1.0
+    P, K = roll(), result.lti
     loop = P.to_control()[2, 2] * K.to_control()
     command = K.to_control() * control.feedback(1.0, loop, 1)
     omega = np.geomspace(300.0, 3e5, 50)
@@ -246,7 +246,7 @@ def test_progress_is_told_with_each_start_and_python_controls_objects_come_out()
     told: list[tuple[float, str]] = []
     result = hinfstruct(*compleib("NN2"), starts=1, progress=lambda fraction, text: told.append((fraction, text)))
     assert isinstance(result.K, control.StateSpace)
-    assert np.array_equal(as_lti(result.K).D, result.controller.D)
+    assert np.array_equal(as_lti(result.K).D, result.lti.D)
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0

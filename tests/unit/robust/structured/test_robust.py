@@ -37,16 +37,14 @@ def test_worst_members_are_added_until_the_certified_gain_stops_falling(actuator
     P = driven_through(actuator)
     nominal = hinfstruct(LAG, 1, 1, starts=1)
     result = robust_hinfstruct(P, 1, 1, starts=1)
-    before = wcgain(lft(P, nominal.controller))
+    before = wcgain(lft(P, nominal.lti))
     assert result.gamma < 0.99 * before.upper
     assert result.gamma == min(result.history) == result.certified.upper
     assert result.norm <= result.gamma <= 1.05 * result.norm
     assert len(result.corners) > 1
     # members drawn at random know nothing of the search
     for values in P.sample(30, seed=4):
-        assert hinf_norm(close_known(as_lti(P.substitute(values)), result.controller)).gain <= result.gamma * (
-            1.0 + 1e-9
-        )
+        assert hinf_norm(close_known(as_lti(P.substitute(values)), result.lti)).gain <= result.gamma * (1.0 + 1e-9)
     assert "D-G scalings" in result.checks[-1]
 
 
@@ -56,7 +54,7 @@ def test_hard_goals_hold_for_every_member_designed_for():
     result = robust_hinfstruct(P, 1, 1, starts=1, hard_goals=[DecayGoal(minimum=12.0)])
     assert len(result.corners) > 1
     for delta in result.corners:
-        assert np.max(close_known(P.member(delta), result.controller).poles().real) <= -12.0
+        assert np.max(close_known(P.member(delta), result.lti).poles().real) <= -12.0
 
 
 @pytest.mark.parametrize("dt", [0.0, 0.1])

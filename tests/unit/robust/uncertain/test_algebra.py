@@ -53,6 +53,10 @@ def test_a_state_space_takes_an_uncertain_divisor_and_a_loop_is_the_formula():
             (feedback(plant, 0.5), g / (1 + 0.5 * g)),
             (feedback(plant, ct.ss(G), sign=1), g / (1 - g * at(G).item())),
             (ct.feedback(plant, 1), g / (1 + g)),  # python-control hands it on
+            (ct.series(ct.ss(G), plant, ct.ss(G)), g * at(G).item() ** 2),
+            (ct.parallel(ct.ss(G), plant), g + at(G).item()),
+            (ct.append(plant, ct.ss(G))[0, 0], g),
+            (ct.negate(plant), -g),
             (feedback(2.0, plant), 2.0 / (1 + 2.0 * g)),
             (lft(TURN * 0.1, plant), 0.1 + 0.2 * g / (1 + 0.4 * g) * 0.3),
             (lft(plant, TURN * 0.1), -0.4 + 0.3 * g / (1 - 0.1 * g) * 0.2),
@@ -61,6 +65,17 @@ def test_a_state_space_takes_an_uncertain_divisor_and_a_loop_is_the_formula():
             assert {block.name: block.repeats for block in loop.blocks} == {"m": 1, "k": 1}
     with pytest.raises(TypeError):
         ct.feedback(ct.ss(G), plant)
+
+
+def test_known_systems_alone_give_a_state_space_with_its_names():
+    plant, gain = ct.ss(-1, 1, 1, 0, inputs="u", outputs="y"), ct.ss([], [], [], 4, inputs="e", outputs="u")
+    loop = connect(plant, gain, ct.summing_junction(["r", "-y"], "e"), inputs=["r"], outputs=["y"])
+    found = (append(plant, 2), feedback(plant, 4), lft(H, -TURN), loop)
+    assert all(isinstance(each, ct.StateSpace) for each in found)
+    assert (found[1].input_labels, found[1].poles()) == (["u"], pytest.approx(-5.0))
+    assert (loop.input_labels, loop.output_labels, loop.poles()) == (["r"], ["y"], pytest.approx(-5.0))
+    assert (append(1, 2) * ct.ss(0.5, 1, 1, 0, 0.1)).dt == 0.1  # a gain has no time of its own
+    assert isinstance(feedback(Uncertain(M=as_lti(plant))), Uncertain)
 
 
 @pytest.mark.parametrize("dt", [0.0, 0.1])
@@ -180,7 +195,6 @@ def test_what_is_no_index_or_exponent_is_told():
         (lambda: M * "k", TypeError, "'k' is no system"),
         (lambda: M * np.array([[1j]]), ValueError, "D has complex numbers"),
         (lambda: M / 0, ValueError, "no inverse"),
-        (lambda: ct.series(M, ct.ss(G)), AttributeError, "append and connect of gustproof.robust"),
         (lambda: (M * G).poles(), AttributeError, r"no 'poles', a member has: substitute\(\{\}\) is the nominal one"),
     ):
         with pytest.raises(kind, match=message):

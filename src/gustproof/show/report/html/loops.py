@@ -193,7 +193,7 @@ def _weight_charts(label: str, report: DesignReport) -> ChartGroup:
         effect_unit, cause_unit = map(bracket_unit, transfer.units)
         title = f"{transfer.cause} to {transfer.effect} [{effect_unit}/{cause_unit}]"
         charts.append(_bounded_chart(title, transfer.gains, transfer.bounds))
-    response = lft(report.problem.plant(), report.result.controller).response(_OMEGA)
+    response = lft(report.problem.plant(), report.result.lti).response(_OMEGA)
     weighted = np.linalg.norm(response, ord=2, axis=(1, 2))
     allowed = np.full(len(_OMEGA), level)
     bound = Curve(label=f"γ = {level:.4g}", colour=None, x=_OMEGA, y=allowed, style=CurveStyle.DASHED)
