@@ -238,14 +238,13 @@ def test_an_unstable_member_makes_the_worst_gain_infinite():
 INTEGRATOR = Lti(A=[[0.0, 1.0], [0.0, -2.0]], B=[[0.0], [1.0]], C=[[2.0, 0.0]], D=[[0.0]])
 
 
-@pytest.mark.slow
 def test_the_worst_margin_of_a_gain_is_that_of_its_largest_value():
-    found = wcmargin(ureal("gain", range=(0.5, 1.5)) @ INTEGRATOR, accuracy=0.1)
+    found = wcmargin(ureal("gain", range=(0.5, 1.5)) @ INTEGRATOR)
     low, high = found.lower, found.upper
     worst = disk_margin_bounds(Lti(A=INTEGRATOR.A, B=INTEGRATOR.B, C=1.5 * INTEGRATOR.C, D=INTEGRATOR.D))
     assert low <= worst[1]
     assert high >= worst[0]
-    assert high <= 1.25 * low
+    assert high <= 1.01 * low
 
 
 def test_a_family_with_unstable_members_has_no_margin_and_bad_loops_are_named():

@@ -16,8 +16,6 @@ from gustproof.robust.uncertain.interpolation import interpolate_blocks
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
 from gustproof.robust.uncertain.uncertainty import RealBlock
 
-_TRIALS = 24
-"""Most sizes of the uncertainty tried."""
 _CLOSE = 1e-6
 """[-] relative width at which the search along one direction stops."""
 _LARGEST = 1e6
@@ -99,20 +97,16 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: 
         raise ValueError(f"gamma is {gamma!r}, must be positive")
     require_stable(to_continuous(system))
     nominal = hinf_norm(system.nominal_system())
-    worst = Bracket(lower=0.0, upper=0.0, omega=nominal.omega, delta={})
-    lower, unproved, size, upper = 0.0, math.inf, 1.0, math.inf if nominal.gain < gamma else 0.0
-    is_below = False
-    while min(upper, unproved) > (1.0 + accuracy) * lower and lower < _LARGEST:
+
+    def of_size(size: float) -> tuple[bool, float, Bracket]:
         found = bracket_gain(_resize(system, size), accuracy=0.25 * accuracy, boxes=boxes, wanted=gamma)
-        lower, unproved = (max(lower, size), unproved) if found.upper < gamma else (lower, min(unproved, size))
         reached, omega = _reach(system, found, gamma, size)
-        if reached < upper:
-            delta = {name: reached * np.asarray(value) for name, value in found.delta.items()}
-            upper, worst = reached, replace(found, delta=delta, omega=omega)
-        # just below what destabilises, unless that was tried: another direction may be worse by little each time
-        below, middle = (1.0 - 0.5 * accuracy) * upper, 0.5 * (lower + unproved)
-        is_below = below < unproved and not is_below
-        size = min(4.0 * size, (middle, below)[is_below])
+        delta = {name: reached * np.asarray(value) for name, value in found.delta.items()}
+        return found.upper < gamma, reached, replace(found, delta=delta, omega=omega)
+
+    at_zero = Bracket(lower=0.0, upper=0.0, omega=nominal.omega, delta={})
+    known = math.inf if nominal.gain < gamma else 0.0, at_zero
+    lower, upper, worst = largest_size(of_size, 1.0, known, accuracy)
     return RobustMargin(
         lower=lower if lower < _LARGEST else math.inf,
         upper=upper,
@@ -162,29 +156,24 @@ def _reach(system: Uncertain, found: Bracket, gamma: float, start: float) -> tup
 
 
 def largest_size(
-    of_size: Callable[[float], Uncertain], refuted: float, accuracy: float
+    of_size: Callable[[float], tuple[bool, float, Bracket]],
+    size: float,
+    known: tuple[float, Bracket],
+    accuracy: float,
 ) -> tuple[float, float, Bracket]:
-    """Return bounds on the largest size with mu below 1, and the Delta that refutes the upper one.
+    """Return bounds on the largest size that is proved, and what refutes the upper one.
 
-    Sizes are tried in turn, each by the bounds of `mu`. `refuted` is a size known to be too large.
+    Sizes are tried in turn, `size` first. `of_size` says of one whether it is proved, and gives a size that its second
+    value refutes; `known` is such a pair.
     """
-    proved, unproved, unrefuted = 0.0, refuted, 0.0
-    to_prove, to_refute = (1.0 - 0.5 * accuracy) * refuted, refuted
-    worst = Bracket(lower=0.0, upper=math.inf, omega=0.0, delta={})
-    for _ in range(_TRIALS):
-        if unproved - proved > accuracy * unproved:
-            size = to_prove if proved < to_prove < unproved else 0.5 * (proved + unproved)
-        elif refuted - unrefuted > accuracy * refuted:
-            size = to_refute if unrefuted < to_refute < refuted else 0.5 * (unrefuted + refuted)
-        else:
-            break
-        found = mu(of_size(size), accuracy=0.25 * accuracy)
-        proved, unproved = (max(proved, size), unproved) if found.upper < 1.0 else (proved, min(unproved, size))
-        if found.lower < 1.0:
-            unrefuted = max(unrefuted, size)
-        elif size < refuted:
-            refuted, worst = size, found
-        # mu falls more slowly than the size: its inverse overshoots by little where it is near 1
-        to_prove = (1.0 - 0.5 * accuracy) * size / found.upper
-        to_refute = (1.0 + 0.5 * accuracy) * size / max(found.lower, 1e-9)
-    return proved, refuted, worst
+    (upper, worst), lower, unproved, is_below = known, 0.0, math.inf, False
+    while min(upper, unproved) > (1.0 + accuracy) * lower and lower < _LARGEST:
+        proved, reached, found = of_size(size)
+        lower, unproved = (max(lower, size), unproved) if proved else (lower, min(unproved, size))
+        if reached < upper:
+            upper, worst = reached, found
+        # just below what refutes, unless that was tried: another direction may be worse by little each time
+        below, middle = (1.0 - 0.5 * accuracy) * upper, 0.5 * (lower + unproved)
+        is_below = below < unproved and not is_below
+        size = min(4.0 * size, (middle, below)[is_below])
+    return lower, upper, worst
