@@ -49,6 +49,7 @@ _WANTED = 30.0  # [s] in the air, below which a loose gain is blamed on that
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
 _MOST_DAMPING = 10.0  # [1/s] of a multirotor, whose rotors' drag gives 0 to 3
+_LEAST_DAMPING = -2.0  # [1/s] below it the model lacks more than the damping's own error
 _LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
@@ -104,6 +105,8 @@ class _Axis:
     """Test on the pieces of the flight that its fit has not seen."""
     filled: float | None = None
     """[-] share of the quick commands that the gyro fills in: the answer to them hides behind that; else `None`."""
+    outruns: float = 0.0
+    """[s] lag of roll and pitch, if this is a yaw that shows none: rotors that speed up turn it by their inertia."""
 
     @property
     def is_noise_gone(self) -> bool:
@@ -122,6 +125,9 @@ class _Axis:
         test = self.held_out
         if at_bound(self.theta) or (self.filled is not None and is_prompt(self.theta)):
             return "its lag ends at a bound of the search, which is no estimate"
+        if self.outruns:
+            told = f"it answers at once, where roll and pitch lag by {1e3 * self.outruns:.0f} ms"
+            return f"{told}: the inertia of rotors that speed up hides the gain of their drag"
         if hidden := self._hidden():
             return hidden
         if test is not None and test.surprise > _SURPRISE:
@@ -136,7 +142,8 @@ class _Axis:
     def _hidden(self) -> str:
         """Return how the fit tells that it is the autopilot's answer; empty if it does not."""
         delay = interval(self.theta, self.replicates, lambda p: p[..., DELAY])
-        if self.theta[DAMPING] > _MOST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
+        driven = np.quantile(self.replicates[:, DAMPING], 0.975) < _LEAST_DAMPING
+        if driven or self.theta[DAMPING] > _MOST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
             return f"{_HIDDEN}, as its best fit is no multirotor"
         if delay.low <= _LATEST:
             return ""
@@ -226,7 +233,7 @@ def _find_command(log: FlightLog) -> tuple[LogSignal, bool]:
         return log.command, False
     if log.motors is not None and len(log.motors.time) > 1:
         return log.motors, True
-    raise ConfigError(f"{log.source}: neither torque commands nor motor outputs are logged")
+    raise ConfigError(f"{log.source}: neither torque commands nor motor outputs are logged: {describe_cure(log)}")
 
 
 def _cut(log: FlightLog, command: LogSignal, spans: Spans) -> list[Stretch]:
@@ -257,6 +264,8 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
     """
     fits = [maximise(data[:2], np.concatenate([near[0], near[1][SHARED:]])), maximise(data[2:], near[2])]
     pooled = maximise(data, np.concatenate([fits[0].theta, fits[1].theta[SHARED:]]))
+    if pooled.cost < fits[0].cost + fits[1].cost:  # which the best of both can't be: yaw had stopped short
+        fits[1] = maximise(data[2:], pooled.axis(2))
     loss = pooled.cost - sum(fit.cost for fit in fits)
     if loss < _APART or (loss < _FAR_APART and not _tells_lag(fits[1])):
         fits = [pooled]
@@ -271,6 +280,8 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
                 data=one, theta=theta, replicates=replicates[:, at], unexplained=left, likeness=alike, curves=curves
             )
             axes.append(found)
+    if is_prompt(axes[2].theta) and not is_prompt(axes[0].theta):
+        axes[2].outruns = float(np.exp(axes[0].theta[LAG]))
     return axes
 
 
@@ -416,7 +427,7 @@ def _advise(axis: _Axis, cure: str) -> str:
         )
         return f"{name} is not identified, as the log is too slow: {guessed}: {cure} and fly again"
     if axis.doubt:
-        return f"{name} is not identified: {axis.doubt}. {manoeuvre}"
+        return f"{name} is not identified: {axis.doubt}" + ("" if axis.outruns else f". {manoeuvre}")
     share = max(axis.curves.r_squared(axis.curves.corner()), 0.0)
     reach = max(gain.high - gain.nominal, gain.nominal - gain.low) / max(gain.nominal, 1e-300)
     aloft = sum(float(each.time[-1] - each.time[0]) for each in axis.data.stretches)

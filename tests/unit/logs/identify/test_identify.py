@@ -352,6 +352,9 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
         ({"evidence": 0.0}, False),
         ({"damping": 9.9}, True),
         ({"damping": 10.1}, False),
+        ({"damping": 0.0, "pulled": -1.9}, True),
+        ({"damping": 0.0, "pulled": -2.1}, False),  # a tumbling vehicle was told with -25 1/s
+        ({"outruns": 0.036}, False),  # of a yaw of a real 5-inch: four times its gain below 20 rad/s
         ({"sign": -1.0}, False),
         ({"sign": -1.0, "square": True}, True),
         ({"sign": 0.0}, False),
@@ -373,18 +376,19 @@ def test_a_rate_that_never_changes_is_explained_by_nothing():
 )
 def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, told):
     given = {"spread": 0.0, "evidence": 11.0, "damping": 0.5, "sign": 1.0, "square": False, "lag": -3.0, "delay": 0.01}
-    given |= {"surprise": 1.0, "scale": 1.0, "filled": None, **changes}
+    given |= {"surprise": 1.0, "scale": 1.0, "filled": None, "pulled": 0.0, "outruns": 0.0, **changes}
     theta = np.zeros(GAINS + 2)  # one channel, and the trim
     theta[LAG], theta[DAMPING], theta[GAINS] = given["lag"], given["damping"], given["sign"] * gain
     theta[DELAY] = given["delay"]
     replicates = np.tile(theta, (41, 1))
+    replicates[:, DAMPING] += given["pulled"]
     replicates[:, GAINS] *= 1.0 + given["spread"] / 0.95 * np.linspace(-1.0, 1.0, 41)  # their 95 % are the spread
     curves = SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: 0.9)
     axis = _Axis(
         data=SimpleNamespace(square=given["square"]),
         theta=theta, replicates=replicates, unexplained=0.0, curves=curves,
         held_out=SimpleNamespace(**{name: given[name] for name in ("surprise", "scale", "evidence")}),
-        filled=given["filled"],
+        filled=given["filled"], outruns=given["outruns"],
     )  # fmt: skip
     assert (axis.gain is not None) == told
     if told:  # within what it is drawn with, and the hundredth that the model leaves out
