@@ -186,10 +186,12 @@ def _tune_autopilot(
     at_once: bool,
     as_json: bool,
 ) -> None:
-    from gustproof.design.autopilot_gains import save_tuning
+    from firmware_model.types import AXES
+    from gustproof.design.autopilot_gains import guessed_axes, save_tuning
     from gustproof.design.tune import wanted_slew
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show
+    from gustproof.studies.logged_flight import refutation
     from gustproof.studies.rate.filter_tuning import tune_flown
     from gustproof.studies.rate.tuning_steps import describe_choice, first_flyable, plan_steps
 
@@ -199,6 +201,8 @@ def _tune_autopilot(
             start.law, start.log, vehicles, script, slew=limit, sensitivity_peak=ms, progress=shown
         )
         steps = plan_steps(tuning, start.law, vehicles, script, start.log)
+    if steps[0].margins is None and start.log is not None and (told := refutation(start.log)):
+        raise ConfigError(f"{start.log.source}: the gains that flew are unstable by the model, {told}")
     at = len(steps) - 1 if at_once else first_flyable(steps)
     written = steps[at].tuning
     if output is not None:
@@ -212,7 +216,8 @@ def _tune_autopilot(
     show(render_steps(steps, at))
     print(filters)
     spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
-    remarks = written.outside_ranges()
+    remarks = [f"{AXES[axis]}: its gains stay as they fly" for axis in guessed_axes(vehicles.nominal)]
+    remarks += written.outside_ranges()
     if steps[0].margins is None:
         remarks.append(
             "the gains that flew are unstable by the model: are they those of the file, and is it the vehicle?"

@@ -24,7 +24,7 @@ from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.external.interface import scenario_for
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
@@ -71,6 +71,8 @@ _LIMITS_OF_USERS = ("_SMAX", "_IMAX")
 class _Structure(NamedTuple):
     """Parameters that are tuned, and those that are not left to the autopilot's defaults."""
 
+    axes: tuple[str, str, str]
+    """Parts of the names of all parameters of roll, of pitch, and of yaw."""
     own: tuple[tuple[str, ...], ...]
     """Names for roll, pitch and yaw: angle P, rate P, I, D, then corners of filters."""
     shared: tuple[str, ...]
@@ -96,6 +98,11 @@ class _Structure(NamedTuple):
         """Return the structure with the notches of loops that are flown: the frame needs them, whatever the gains."""
         return self._replace(fixed={**self.fixed, **{name: flown[name] for name in flown if self.is_of_notch(name)}})
 
+    def of_axes(self, axes: tuple[int, ...], values: Mapping[str, float]) -> dict[str, float]:
+        """Return the values of the gains and filters of some axes."""
+        parts, names = [self.axes[axis] for axis in axes], [*self.fixed, *(name for own in self.own for name in own)]
+        return {name: values[name] for name in names if name in values and any(part in name for part in parts)}
+
     def as_law(self, vehicle: Vehicle) -> "_Structure":
         """Return the structure with the limit of rates that laws have, and filters as fast as samples allow."""
         limit = min(math.degrees(vehicle.stabilizer.rate_limit), 1000.0)
@@ -104,6 +111,7 @@ class _Structure(NamedTuple):
 
 
 _PX4 = _Structure(
+    axes=("_ROLL", "_PITCH", "_YAW"),
     own=tuple(
         tuple(f"MC_{axis}{each}" for each in ("_P", "RATE_P", "RATE_I", "RATE_D")) for axis in ("ROLL", "PITCH", "YAW")
     ),
@@ -115,6 +123,7 @@ _PX4 = _Structure(
     notches=("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF1_FRQ", "IMU_GYRO_DNF_FLOWN"),
 )  # fmt: skip
 _ARDUPILOT = _Structure(
+    axes=("_RLL_", "_PIT_", "_YAW_"),
     own=tuple(
         (f"ATC_ANG_{axis}_P", *(f"ATC_RAT_{axis}_{each}" for each in ("P", "I", "D", "FLTD")))
         for axis in ("RLL", "PIT", "YAW")
@@ -171,6 +180,12 @@ class AutopilotTuning:
         return f"designed with the notches of {', '.join(found)}{kept}" if found else "designed without notches"
 
 
+def guessed_axes(vehicle: Vehicle) -> tuple[int, ...]:
+    """Return the axes about which the torque is a guess: the vehicle's log measured that of others alone."""
+    unmeasured = vehicle.command.unmeasured if is_measured(vehicle) and vehicle.command else ()
+    return tuple(AXES.index(axis) for axis in unmeasured)
+
+
 def tune_gains(
     kind: str,
     vehicles: VehicleSet,
@@ -190,14 +205,15 @@ def tune_gains(
     `sensitivity_peak`, the rms torque slew pooled over the axes at most `slew` [N*m/s]. The loops run at the rate of
     the autopilot's simulation, which rounds its outputs. If not `in_simulation` they are a law for any vehicle: at the
     scenario's rate, without mixer, with parameters per torque limit. Notches, and the loops' rate, are those of the
-    parameters that are `flown`; without these, there are none.
+    parameters that are `flown`; without these, there are none. Gains of an axis whose torque is a guess stay as flown,
+    and its peaks do not count.
 
     Raises
     ------
     DesignError
         If no such gains are found: the limits are too tight for this vehicle.
     ConfigError
-        If the autopilot has no mixer for the vehicle, or a log that tells its commands did not excite yaw.
+        If the autopilot has no mixer for the vehicle, or its torque in yaw is a guess and no gains are flown.
     ValueError
         If the scenario has no turbulence.
     """
@@ -205,8 +221,8 @@ def tune_gains(
     structure = _STRUCTURES[kind].with_notches(flown)
     structure = structure if in_simulation else structure.as_law(vehicle)
     structure = structure._replace(most_corner=most_corner)
+    held = _find_held(vehicle, flown) if in_simulation else ()
     if in_simulation:
-        check_measured(vehicle)
         scenario = scenario_for(kind, scenario, autopilot.find_rate(flown)[0])
     script = with_measured_delay(scenario, vehicle, on_board=in_simulation)
     step = autopilot.thrust_step(vehicle) if in_simulation else 0.0
@@ -224,7 +240,7 @@ def tune_gains(
         )
     values |= _split_gains(autopilot, structure, values)
     written = {name: float(f"{value:.{_DIGITS}g}") for name, value in values.items()}
-    parameters = {**structure.fixed, **written}
+    parameters = {**structure.fixed, **written, **structure.of_axes(held, complete(autopilot, flown))}
     law = autopilot_law(
         kind,
         parameters,
@@ -236,7 +252,7 @@ def tune_gains(
     predicted = predict(law, vehicle, script)
     assert predicted is not None  # as for a law of torque
     assert predicted.seen_rmse is not None  # on strapdown
-    nominal, corner = search.peaks(values)
+    nominal, corner = search.peaks(values, held)
     return AutopilotTuning(
         kind=kind,
         parameters={name: value for name, value in parameters.items() if not structure.is_of_notch(name)},
@@ -247,6 +263,14 @@ def tune_gains(
         Ms=nominal,
         corner_Ms=corner,
     )
+
+
+def _find_held(vehicle: Vehicle, flown: Mapping[str, float]) -> tuple[int, ...]:
+    """Return the axes whose gains stay as `flown`; a yaw that is a guess is refused if none are."""
+    if not flown:
+        check_measured(vehicle)
+        return ()
+    return guessed_axes(vehicle)
 
 
 def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
@@ -343,11 +367,12 @@ class _Search:
             room += 1.1 * (excess - 1.0)
         return None
 
-    def peaks(self, values: Mapping[str, float]) -> tuple[float, float]:
+    def peaks(self, values: Mapping[str, float], without: tuple[int, ...] = ()) -> tuple[float, float]:
         """Return the largest sensitivity peaks [-] of the nominal axes and off nominal; infinite if not stable."""
         found = [
             [_peak(model, self._law(axis, values).controller(model.plant.dt)) for model in models]
             for axis, models in enumerate(self._axes)
+            if axis not in without
         ]
         return max(each[0] for each in found), max(max(each[1:] or each) for each in found)
 

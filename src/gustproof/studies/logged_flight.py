@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from firmware_model.config.scenario import load_scenario
 from firmware_model.errors import ConfigError
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.logs.identify.flown_step import FlownStep, flown_steps
 from gustproof.logs.identify.gyro_spectrum import GyroSpectrum, gyro_spectrum
 from gustproof.logs.identify.shown_vehicle import ShownVehicle, show_vehicle
-from gustproof.logs.read.flight_log import FlightLog
+from gustproof.logs.read.flight_log import CommandUnit, FlightLog
 from gustproof.studies.rate.filter_advice import FilterChoice, weigh_filters
 from gustproof.studies.rate.flown_loops import doubt_flown_gains
 from gustproof.studies.rate.judge import Judgement, Verdict, judge_law
@@ -20,6 +22,7 @@ NO_MASS = (
 """Remark on a judgement on the vehicle that a log shows."""
 _USUAL_AIR = "paper-turbulence"
 _FLEW_S = 10.0
+_LIMITED = 0.1  # [-] of full scale, within which no loop's torque is limited in hover
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,9 +114,28 @@ def contradiction(log: FlightLog, judgement: Judgement) -> str:
     aloft = sum(end - begin for begin, end in log.airborne or ())
     if judgement.verdict is not Verdict.UNSTABLE or aloft < _FLEW_S:
         return ""
-    return (
+    return refutation(log) or (
         f"yet they flew {aloft:.0f} s in this log: either they oscillated there, see its rates, or the loops that flew "
         "are not those of its parameters"
+    )
+
+
+def refutation(log: FlightLog) -> str:
+    """Return how a flight refutes a model by which its gains are unstable; empty if it does not.
+
+    The torque of an unstable loop grows until it is limited. In the flight its 95 % stayed far below that.
+    """
+    command, aloft = log.command, sum(end - begin for begin, end in log.airborne or ())
+    if command is None or log.command_unit is not CommandUnit.NORMALISED or aloft < _FLEW_S:
+        return ""
+    inside = np.any([(command.time >= begin) & (command.time <= end) for begin, end in log.airborne or ()], axis=0)
+    flown = command.values[inside]
+    most = float(np.quantile(np.abs(flown - np.median(flown, axis=0)), 0.95, axis=0).max()) if len(flown) else 1.0
+    if most > _LIMITED:
+        return ""
+    return (
+        f"yet they flew {aloft:.0f} s in this log with {100.0 * most:.2g} % of full torque, where that of an unstable "
+        "loop grows until it is limited: the model, or the parameters, are not those of this flight"
     )
 
 

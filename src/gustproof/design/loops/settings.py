@@ -113,7 +113,7 @@ class AutopilotLoops(NamedTuple):
         if given == 0.0:  # PX4: as fast as the gyro
             return self.rate_hz, f"{name}: not given, the loops are taken at {self.rate_hz} Hz"
         if not low <= given <= high:
-            raise ConfigError(f"{name}: is {given:g}, must be {low:g} to {high:g}")
+            raise ConfigError(f"{name}: loops of {given:g} Hz are not modelled, those of {low:g} to {high:g} Hz are")
         rate = round(1.0 / sample_time(min(round(given), _FASTEST)))
         more = f", where {given:g} is given" if rate != given else ""
         return rate, f"{name}: the loops are taken at {rate} Hz{more}"

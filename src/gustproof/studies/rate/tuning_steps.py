@@ -9,7 +9,7 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.types import Vector
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
-from gustproof.design.autopilot_gains import AutopilotTuning
+from gustproof.design.autopilot_gains import AutopilotTuning, guessed_axes
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
@@ -43,24 +43,51 @@ def plan_steps(
 
     Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
     more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. What the tuning sets to 0, such as a filter, and
-    its notches are as there from step 1 on.
+    its notches are as there from step 1 on. Where the first that may be flown is a later one, step 1 lowers gains as
+    far as that, or one behind it. If that may be flown, the others follow from there.
     """
-    now = flown.provenance.parameters
+    now = dict(flown.provenance.parameters)
+    steps = _go(tuning, _assess(tuning, flown, now, vehicles, scenario), now, vehicles, scenario)
+    at = _find_flyable(steps)
+    for far in steps[at:] if at is not None and at > 1 else []:
+        near, low = steps[1].tuning.parameters, far.tuning.parameters
+        values = {name: min(near[name], value) if value > now[name] else value for name, value in low.items()}
+        careful = _try(tuning, now, values, flown.dt, vehicles, scenario)
+        if _find_flyable([steps[0], careful]):
+            steps = [steps[0], *_go(tuning, careful, {**now, **tuning.notches, **values}, vehicles, scenario)]
+            break
+    return steps if log is None else _in_flight(steps, log, vehicles, scenario)
+
+
+def _go(
+    tuning: AutopilotTuning, start: TuningStep, now: Mapping[str, float], vehicles: VehicleSet, scenario: Scenario
+) -> list[TuningStep]:
+    """Return the step at which the parameters are `now`, and those from there to the tuning."""
     goal = {name: value for name, value in tuning.parameters.items() if name in now}
     moved = {name: (now[name], value) for name, value in goal.items() if value > 0.0}
     pairs = [(_whole_gain(now, name), _whole_gain(goal, name)) for name in moved if not name.endswith("_K")]
     ratios = [max(new / old, old / new) for old, new in pairs if old > 0.0]
-    start = _assess(tuning, flown, dict(now), vehicles, scenario)
     slew = tuning.slew / start.tuning.slew if math.isfinite(start.tuning.slew) and start.tuning.slew > 0.0 else 1.0
     count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(slew))
     steps = [start]
     for number in range(1, count + 1):
         values = {**goal, **{name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}}
-        law = autopilot_law(
-            tuning.kind, {**now, **tuning.notches, **values}, vehicles.nominal, rate_hz=round(1.0 / flown.dt)
-        ).law
-        steps.append(_assess(tuning, law, values, vehicles, scenario))
-    return steps if log is None else _in_flight(steps, log, vehicles, scenario)
+        steps.append(_try(tuning, now, values, start.tuning.law.dt, vehicles, scenario))
+    return steps
+
+
+def _try(
+    tuning: AutopilotTuning,
+    now: Mapping[str, float],
+    values: Mapping[str, float],
+    dt: float,
+    vehicles: VehicleSet,
+    scenario: Scenario,
+) -> TuningStep:
+    """Return the step to `values` of the tuning's parameters; the others, but for its notches, stay as `now`."""
+    loaded = {**now, **tuning.notches, **values}
+    law = autopilot_law(tuning.kind, loaded, vehicles.nominal, rate_hz=round(1.0 / dt)).law
+    return _assess(tuning, law, values, vehicles, scenario)
 
 
 def first_flyable(steps: list[TuningStep]) -> int:
@@ -74,25 +101,39 @@ def first_flyable(steps: list[TuningStep]) -> int:
     DesignError
         If that is not stable.
     """
-    now = steps[0]
-    for at, step in enumerate(steps[1:], start=1):
-        if is_sound(step) or (now.margins is not None and _is_safer(step, now)):
-            return at
+    if (at := _find_flyable(steps)) is not None:
+        return at
     if steps[-1].margins is None:
         raise DesignError("none of the steps is stable with each vehicle of the spreads")
     return len(steps) - 1
 
 
+def _find_flyable(steps: list[TuningStep]) -> int | None:
+    """Return the place of the first step that is sound, or safer than what flies; `None` if there is none."""
+    now = steps[0]
+    may = (is_sound(step) or (now.margins is not None and _is_safer(step, now)) for step in steps[1:])
+    return next((at for at, flyable in enumerate(may, start=1) if flyable), None)
+
+
 def describe_choice(steps: list[TuningStep], at: int) -> list[str]:
-    """Return the remark on the step that is written, unless it is the first and sound."""
+    """Return remarks on the step that is written, unless it is the first, sound, and no more than a step."""
     sound = next((number for number, step in enumerate(steps) if number and is_sound(step)), None)
+    lowered = _describe_fall(steps[0], steps[at], at)
     if at == sound == 1:
-        return []
+        return lowered
     if at == sound:
         return [f"step {at} is written: it is the first that `judge` calls sound by its sensitivity peaks"]
     others = f"step {sound} is the first that `judge` calls sound" if sound else "`judge` calls none sound"
     why = "safer than what flies" if _is_safer(steps[at], steps[0]) else "the last"
-    return [f"step {at} is written: it is {why}, and {others} by its sensitivity peaks"]
+    return [f"step {at} is written: it is {why}, and {others} by its sensitivity peaks", *lowered]
+
+
+def _describe_fall(now: TuningStep, step: TuningStep, at: int) -> list[str]:
+    """Return the remark on a step that lowers a gain by more than `MOST_GAIN`."""
+    old, new = now.tuning.parameters, step.tuning.parameters
+    kept = [name for name in new if not name.endswith("_K") and new[name] > 0.0 and old.get(name, 0.0) > 0.0]
+    most = max((_whole_gain(old, name) / _whole_gain(new, name) for name in kept), default=1.0)
+    return [f"step {at} divides a gain by {most:.2g}: less is neither sound nor safer"] * (most > 1.01 * MOST_GAIN)
 
 
 def is_sound(step: TuningStep) -> bool:
@@ -146,7 +187,9 @@ def _assess(
     found, K = predict(law, vehicle, script), loop_law(law)
     assert found is not None  # as for a law of torque
     assert found.seen_rmse is not None  # on strapdown
-    loops = [worst_loop(input_margins(hover_plant(each, script), K)) for each in tried]
+    held = guessed_axes(vehicle)  # their gains stay, and their margins are a guess
+    axes = [input_margins(hover_plant(each, script), K) for each in tried]
+    loops = [worst_loop([loop for k, loop in enumerate(each) if k not in held]) for each in axes]
     slew = whole_slew(found, vehicle, AUTOPILOTS[tuning.kind].thrust_step(vehicle), script)
     corner = max(each.Ms for each in loops)
     measured = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)

@@ -16,6 +16,7 @@ from firmware_model.config.uncertainty import load_vehicle_set, make_vehicle_set
 from firmware_model.config.vehicle import FullScale, MeasuredCommand, Vehicle, load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.airframe.hover import hover_plant, loop_law
+from gustproof.design import autopilot_gains
 from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
 from gustproof.law.form import load_law
@@ -174,6 +175,22 @@ def test_gains_are_not_tuned_for_a_yaw_that_is_a_guess():
     with pytest.raises(ConfigError, match="did not excite yaw"):
         tune_gains("px4", vehicles, AIR, slew=5.0)
     assert any("yaw: not measured" in line for line in autopilot_law("px4", {}, vehicles.nominal).remarks)
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_gains_that_fly_a_yaw_that_is_a_guess_stay(kind: str, monkeypatch: pytest.MonkeyPatch):
+    """`judge` of a log without steps of yaw ended with a refusal, after all of its work."""
+    start = autopilot_gains._Search._start
+    monkeypatch.setattr(autopilot_gains._Search, "run", lambda search, *_: search._name(np.exp(start(search, 0.5)[0])))
+    vehicles = make_vehicle_set(to_jsonable_python(measured(kind, unmeasured=("yaw",)), exclude_none=True), "mine.toml")
+    names = ("MC_YAW_P", "MC_YAWRATE_P", "MC_YAW_TQ_CUTOFF", "ATC_ANG_YAW_P", "ATC_RAT_YAW_P", "ATC_RAT_YAW_FLTE")
+    flown = dict.fromkeys(names[:3] if kind == "px4" else names[3:], 1.5)
+    tuned = tune_gains(kind, vehicles, AIR, slew=5.0, flown=flown)
+    assert {name: tuned.parameters[name] for name in flown} == flown
+    script = scenario_for(tuned.law, vehicles.nominal, AIR)
+    roll, pitch, yaw = input_margins(hover_plant(vehicles.nominal, script), loop_law(tuned.law))
+    assert tuned.Ms == pytest.approx(max(roll.Ms, pitch.Ms), rel=1e-3)
+    assert yaw.Ms > 1.2 * tuned.Ms
 
 
 def test_an_autopilot_in_simulation_flies_no_rotors_that_differ_from_the_log():

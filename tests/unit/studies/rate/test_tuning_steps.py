@@ -13,11 +13,22 @@ from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.errors import ConfigError
 from gustproof.cli.app import app
 from gustproof.cli.laws import read_gains
+from gustproof.cli.tune import _Flown, _tune_autopilot
 from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
 from gustproof.errors import DesignError
+from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.studies.rate import tuning_steps
 from gustproof.studies.rate.judge import MOST_SLEW
-from gustproof.studies.rate.tuning_steps import MOST_GAIN, describe_choice, first_flyable, is_sound, plan_steps
+from gustproof.studies.rate.tuning_steps import (
+    MOST_GAIN,
+    TuningStep,
+    _go,
+    describe_choice,
+    first_flyable,
+    is_sound,
+    plan_steps,
+)
 
 AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
 FLOWN = {
@@ -53,24 +64,33 @@ def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(k
 
 @pytest.mark.slow
 def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No step is written that is unstable or fragile, as the first ones are."""
+    """No step is written that is unstable or fragile, and none that raises what another gain makes so."""
     flown = autopilot_law("px4", {"MC_ROLLRATE_P": 3.0}, IRIS.nominal).law
-    goal = tune_gains("px4", IRIS, AIR, slew=4.0)
-    now, *steps = plan_steps(goal, flown, IRIS, AIR)
+    goal, old = tune_gains("px4", IRIS, AIR, slew=4.0), flown.provenance.parameters
+    planned: list[list[TuningStep]] = []
+    monkeypatch.setattr(tuning_steps, "_go", lambda *given: planned.append(_go(*given)) or planned[-1])
+    now, first, *others = plan_steps(goal, flown, IRIS, AIR)
+    even = planned[0]
     assert now.margins is None
     assert math.isinf(now.tuning.Ms)
-    assert math.isfinite(steps[-1].tuning.Ms)
-    at = first_flyable([now, *steps])
-    assert at > next(place for place, step in enumerate(steps, start=1) if step.margins is not None) > 1
-    assert [is_sound(step) for step in steps[:at]] == [False] * (at - 1) + [True]
-    assert steps[at - 1].tuning.Ms <= 2.0 < steps[at - 2].tuning.Ms or steps[at - 2].tuning.corner_Ms > 2.5
-    assert first_flyable([steps[at - 3], steps[at - 2], steps[at - 1]]) == 1, "safer than gains that are stable"
-    assert first_flyable([now, *steps[: at - 1]]) == at - 1, "none is sound: the last"
-    assert describe_choice(steps[at - 2 : at], 1) == []
-    fragile = [steps[at - 3], steps[at - 2]]
-    assert "it is safer than what flies, and `judge` calls none sound" in describe_choice(fragile, 1)[0]
-    assert "and step 2 is the first that `judge` calls sound" in describe_choice([*fragile, steps[at - 1]], 1)[0]
-    assert "it is the last, and `judge` calls none sound" in describe_choice(fragile[::-1], 1)[0]
+    assert is_sound(first)
+    assert first.tuning.parameters["MC_ROLLRATE_P"] < 0.5
+    for name, value in first.tuning.parameters.items():
+        assert value <= 1.05 * MOST_GAIN * old[name] or old[name] == 0.0, name  # .05 is of an overall gain K
+    assert others[-1].tuning.Ms <= 1.4
+    assert first_flyable([now, first, *others]) == 1
+    assert [line[:30] for line in describe_choice([now, first], 1)] == ["step 1 divides a gain by 7.7: "]
+    # Even steps to where they are sound multiply all gains: each of them is worse.
+    at = first_flyable(even)
+    assert at > next(place for place, step in enumerate(even) if step.margins is not None) > 2
+    assert [is_sound(step) for step in even[1 : at + 1]] == [False] * (at - 1) + [True]
+    assert even[at].tuning.Ms <= 2.0 < even[at - 1].tuning.Ms or even[at - 1].tuning.corner_Ms > 2.5
+    assert first_flyable(even[at - 2 : at + 1]) == 1, "safer than gains that are stable"
+    assert first_flyable(even[:at]) == at - 1, "none is sound: the last"
+    assert describe_choice(even[at - 1 : at + 1], 1) == []
+    assert "it is safer than what flies, and `judge` calls none sound" in describe_choice(even[at - 2 : at], 1)[0]
+    assert "and step 2 is the first that `judge` calls sound" in describe_choice(even[at - 2 : at + 1], 1)[0]
+    assert "it is the last, and `judge` calls none sound" in describe_choice(even[at - 2 : at][::-1], 1)[0]
     with pytest.raises(DesignError, match="none of the steps is stable"):
         first_flyable([now, now])
     mine = tmp_path / "mine.params"
@@ -80,8 +100,18 @@ def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: py
     result = CliRunner().invoke(app, words)
     told = " ".join(result.output.split())
     assert "px4: the gains that flew are unstable by the model" in told
-    assert f"px4: step {at} is written: it is the first that `judge` calls sound" in told
-    assert f"new.params: step {at} of {len(steps)}" in "".join(result.output.splitlines())
+    assert f"new.params: step 1 of {1 + len(others)}" in "".join(result.output.splitlines())
+
+
+def test_no_step_is_written_on_a_model_that_the_flight_refutes(monkeypatch: pytest.MonkeyPatch) -> None:
+    calm = LogSignal(time=0.1 * np.arange(300), values=np.zeros((300, 3)))
+    log = FlightLog(source="x.ulg", system="px4", gyro=calm, command=calm, airborne=((0.0, 20.0),))
+    lost = TuningStep(tuning=None, margins=None)  # type: ignore[arg-type]
+    monkeypatch.setattr("gustproof.studies.rate.filter_tuning.tune_flown", lambda *_, **__: (None, ""))
+    monkeypatch.setattr(tuning_steps, "plan_steps", lambda *_: [lost])
+    flown = autopilot_law("px4", {}, IRIS.nominal).law
+    with pytest.raises(ConfigError, match="the gains that flew are unstable by the model, yet they flew 20 s"):
+        _tune_autopilot(_Flown("px4", flown, log), IRIS, AIR, 4.0, 1.4, None, at_once=True, as_json=True)
 
 
 @pytest.mark.parametrize(
