@@ -201,7 +201,9 @@ def test_a_log_that_shows_no_vehicle_is_refused_with_the_way_out(monkeypatch, tm
     monkeypatch.setattr(read, "read_log", lambda _: replace(log, command=None))
     result = run(str(tmp_path / "flight.ulg"))
     assert result.exit_code == 2
-    assert result.stderr.endswith("neither torque commands nor motor outputs are logged; or give --vehicle FILE\n")
+    assert result.stderr.endswith(
+        "neither torque commands nor motor outputs are logged: set SDLOG_PROFILE 17; or give --vehicle FILE\n"
+    )
 
 
 def _tuned(folder: Path) -> Path:

@@ -30,10 +30,10 @@ class AxisEstimate:
     """[1/s] `None` as for the gain; below 0 where the model lacks something."""
     noise: float | None
     """[rad/s/sqrt(Hz)] one-sided density of the gyro's noise; `None` if a filter took it away before it was logged."""
-    disturbance_rms: float
-    """[rad/s^2] rms of the disturbance's angular acceleration."""
-    disturbance_corner: float
-    """[rad/s] frequency at which the disturbance's spectrum falls to a half."""
+    disturbance_rms: float | None
+    """[rad/s^2] rms of the disturbance's angular acceleration; `None` as for the gain, and if none is seen."""
+    disturbance_corner: float | None
+    """[rad/s] frequency at which the disturbance's spectrum falls to a half; `None` likewise."""
     held_out_r2: float | None
     """[-] share of the angular acceleration's variance in every third piece that a fit to the others predicts."""
     advice: str = ""

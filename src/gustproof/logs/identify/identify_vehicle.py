@@ -65,6 +65,7 @@ _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequenc
 _FILLED_SPREAD = 1.3  # spread of real errors with commands that are filled in by that of the replicates, by simulation
 _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
 _LEAST_LAG = 0.00025  # [s] that stands for none
+_LEAST_SHAKEN = 1e-4  # [rad/s^2] of a disturbance: below it the fit has found none
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
 _KNOWN_LAG, _FAR_APART = 0.5, 12.0  # of a lag's logarithm, within which it is told; the loss where yaw's own is not
 
@@ -406,12 +407,14 @@ def _estimate(axis: _Axis, dt: float, advice: str) -> AxisEstimate:
     gain, theta = None if advice else axis.gain, axis.theta
     free = theta if theta[DAMPING] > 0.0 else np.median(axis.replicates, axis=0)  # one at its bound is no estimate
     damping = interval(free, axis.replicates, lambda p: p[..., DAMPING])
+    shaken = disturbance_rms(axis.curves, theta)
+    is_seen = gain is not None and shaken > _LEAST_SHAKEN
     return AxisEstimate(
         gain=gain,
         damping=None if gain is None else damping,
         noise=None if axis.is_noise_gone else float(np.sqrt(2.0 * np.exp(theta[NOISE]) * dt)),
-        disturbance_rms=disturbance_rms(axis.curves, theta),
-        disturbance_corner=disturbance_corner(theta),
+        disturbance_rms=shaken if is_seen else None,
+        disturbance_corner=disturbance_corner(theta) if is_seen else None,
         held_out_r2=None if gain is None or axis.held_out is None else axis.held_out.r_squared,
         advice=advice,
     )

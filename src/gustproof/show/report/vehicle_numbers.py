@@ -53,6 +53,10 @@ def _dryden_document(air: IdentifiedAir) -> dict[str, Any]:
     }
 
 
+def _cell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
 def _interval(interval: Interval | None) -> dict[str, float] | None:
     return None if interval is None else {name: float(value) for name, value in interval._asdict().items()}
 
@@ -77,11 +81,11 @@ def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
         rows.append(("of each motor at full thrust [rad/s²]", *cells))
     rows += [
         by_axis("damping [1/s]", lambda axis: _format_interval(axis.damping)),
-        by_axis("gyro noise [rad/s/√Hz]", lambda axis: "–" if axis.noise is None else f"{axis.noise:.3g}"),
+        by_axis("gyro noise [rad/s/√Hz]", lambda axis: _cell(axis.noise)),
         by_axis(
             "R² of the held-out third", lambda axis: "–" if axis.held_out_r2 is None else f"{axis.held_out_r2:.3f}"
         ),
-        by_axis("disturbance, rms [rad/s²]", lambda axis: f"{axis.disturbance_rms:.3g}"),
+        by_axis("disturbance, rms [rad/s²]", lambda axis: _cell(axis.disturbance_rms)),
     ]
     if air is not None:
         rows += [

@@ -183,7 +183,8 @@ def test_still_hover_is_told_as_unexcited():
     found = identify(log)
     assert found.actuator_lag is None
     assert found.delay is None
-    assert all(axis.gain is None and axis.damping is None and axis.held_out_r2 is None for axis in found.axes)
+    for axis in found.axes:
+        assert axis.gain is axis.damping is axis.held_out_r2 is axis.disturbance_rms is axis.disturbance_corner is None
     for name, axis in zip(("roll", "pitch", "yaw"), found.axes, strict=True):
         assert axis.advice.startswith(f"{name} is not excited")
         assert "chirp" in axis.advice
