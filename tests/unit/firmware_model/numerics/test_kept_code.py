@@ -3,6 +3,7 @@
 import os
 import pickle
 import stat
+import sys
 from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -29,6 +30,7 @@ def load(tmp_path, monkeypatch):
     def make() -> Any:
         spec = spec_from_file_location("mine", source)
         module = module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "mine", module)  # code is loaded into its module, found by its name
         spec.loader.exec_module(module)
         return compiling.compiled(module.add)
 
