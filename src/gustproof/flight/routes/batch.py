@@ -185,7 +185,7 @@ def _fly_batch(
     batch = Batch(
         params=_stack_lanes([each.start.initial.params for each in common]), state=_stack_lanes(states),
         changes=_merge_changes([each.start.initial.changes for each in common]),
-        seeds=mix[:, 0].astype(np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
+        seeds=np.ascontiguousarray(mix[:, 0], dtype=np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([each.limit for each in common]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else each.hover for each in common]),
         torque_limit=_stack_lanes([case.vehicle.torque_limit for case in filled]),

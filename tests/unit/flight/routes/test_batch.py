@@ -18,7 +18,7 @@ from firmware_model.sim.layout import X_BODY
 from firmware_model.sim.state import initial_state
 from gustproof.flight.routes.batch import Case, fly_many
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.kernels import LANES
+from gustproof.flight.routes.kernels import LANES, fly_on_stand
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
 from gustproof.law.form import list_laws, load_law
@@ -227,3 +227,10 @@ def test_a_law_of_another_rate_and_a_script_of_messages_are_refused():
 
 def test_no_cases_are_no_flights():
     assert fly_many(SHORT, LAW, []) == []
+
+
+def test_a_kernel_is_compiled_once_for_all_that_it_flies():
+    """To compile it takes longer than a thousand flights: no array of a batch may be laid out in two ways."""
+    for turns in ((), (NoiseRotation(seed=2, angle_rad=0.3),)):
+        fly_many(SHORT, LAW, [Case(vehicle=VEHICLE, seed=1, turns=turns), Case(vehicle=VEHICLE, seed=2)])
+    assert len(fly_on_stand.signatures) == 1
