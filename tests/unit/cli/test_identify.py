@@ -73,6 +73,7 @@ def test_the_vehicle_is_the_one_that_flew(identified):
     assert document["files"]["vehicle"] == str(folder / "twin.toml")
 
 
+@pytest.mark.slow
 def test_the_air_is_that_of_the_flight(identified):
     dryden = identified[1]["disturbance"]["dryden"]
     assert 20.0 * abs(np.log10(dryden["wind_speed_20ft_mps"] / 3.0)) < 2.0

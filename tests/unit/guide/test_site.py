@@ -72,6 +72,7 @@ def test_nothing_is_fetched_and_every_link_leads_somewhere(pages, folder):
     assert not re.search(r"fetch\(|://|import\b", (folder / "guide.js").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_the_search_knows_every_section_of_every_page(pages, folder):
     text = (folder / "search.js").read_text(encoding="utf-8")
     index = json.loads(text.removeprefix("guideIndex(").removesuffix(");\n"))

@@ -125,6 +125,7 @@ def disk() -> tuple[float, float, float]:
     return found.upper, 20.0 * math.log10(found.gains[1]), found.phase_deg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "computed", "printed", "digit"), FIGURES, ids=range(len(FIGURES)))
 def test_a_figure_is_that_printed_by_another_program(source, computed, printed, digit):
     assert computed() == pytest.approx(printed, abs=digit), source

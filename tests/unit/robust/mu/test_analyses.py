@@ -193,6 +193,7 @@ def test_published_figures_are_met(page, bound, printed):
     assert high <= 1.011 * low
 
 
+@pytest.mark.slow
 def test_a_disk_margin_says_which_gains_and_phases_it_covers():
     assert SPINNING.output.gains == pytest.approx((0.6071, 1.6472), abs=1e-3)  # diskmargin.html
     assert SPINNING.output.phase_deg == pytest.approx(27.4762, abs=0.05)
@@ -265,6 +266,7 @@ def test_one_parameter_has_an_exact_margin(dt):
         assert loop.close({"mass": share}).is_stable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     "blocks", [[(-1, 0)] * 3, [(-1, 0)] * 6, [(-2, 0), (2, 0), (2, 1)], [(-1, 0), (-1, 0), (2, 2)]], ids=str
@@ -334,6 +336,7 @@ def test_a_value_beyond_infinity_is_told_without_a_warning(recwarn):
     assert not recwarn
 
 
+@pytest.mark.slow
 def test_a_margin_of_gain_ends_where_the_loop_has_no_solution_or_no_stable_nominal_member():
     loop = feedback((1 / ureal("m", 1.0, percent=20)) * tf([2, 1], [0.1, 1, 0, 0]))
     found = robgain(loop, 2.0, **FAST)  # next to a mass of 0, where 1 / m has no value

@@ -92,6 +92,7 @@ def test_everything_is_flown_judged_and_left_in_the_folder(campaign):
     assert max(told) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
     about, records = read_bag(campaign[1] / "bags" / "paper-hinf-d1-seed2")
     assert (about["law"]["name"], about["seed"], about["outcome"]) == ("hinf-d1", 2, "done")

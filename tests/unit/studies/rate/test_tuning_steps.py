@@ -37,6 +37,7 @@ FLOWN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FLOWN)
 def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(kind: str, tmp_path: Path) -> None:
     flown = autopilot_law(kind, FLOWN[kind], IRIS.nominal).law

@@ -72,6 +72,7 @@ def test_other_flights_agree_with_both_ends() -> None:
         assert bool(failed < RISK) is is_within
 
 
+@pytest.mark.slow
 def test_a_gust_just_below_the_least_holds_and_the_proof_is_below_it() -> None:
     worst, kept, vehicle = found().worst_gust, parse_keep(KEEP), load_vehicle_set("paper").nominal
     assert math.isfinite(worst.speed)
