@@ -109,6 +109,7 @@ class AxisData:
 
     def predict_signals(self, theta: Array, signals: Array) -> tuple[Array, Array]:
         """Return the errors (n, k) of predicting signals (n, k) under `theta`, and their variance (n,)."""
+        signals = np.ascontiguousarray(signals)  # for another layout the kernel would be compiled anew
         errors, variance = np.empty_like(signals), np.empty(len(signals))
         model = np.array([theta[DAMPING], *np.exp(theta[NOISE:GAINS])])
         state = np.empty((3, signals.shape[1]))
