@@ -38,7 +38,8 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
     accuracy
         [-] relative distance of the bound from the least one of D-G scalings.
     boxes
-        Most boxes of the real parameters at each level tried where scalings leave more; 1 for scalings alone.
+        Most boxes of the real parameters at each level tried where scalings leave more; 1 for scalings alone, as
+        where there are more than eight.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, a
 from gustproof.robust.mu.one_parameter import one_parameter_margin
 from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
 from gustproof.robust.mu.worst_delta import WorstDelta, most_singular_delta, most_unstable_delta, worst_delta
-from gustproof.robust.mu.worst_gain import ParameterBox, best_halves, restrict
+from gustproof.robust.mu.worst_gain import MOST_HALVED, ParameterBox, best_halves, restrict, whole_box
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
@@ -70,7 +70,8 @@ def mu(system: Uncertain, *, accuracy: float = 0.02, boxes: int = 1) -> Bracket:
     """
     system = as_uncertain(system)
     found = _bracket(system, accuracy)
-    if boxes > 1 and found.gap > 2.0 * accuracy and found.lower > 0.0:
+    few = len(whole_box(system)) <= MOST_HALVED
+    if boxes > 1 and few and found.gap > 2.0 * accuracy and found.lower > 0.0:
         found = replace(found, upper=_branch_and_bound(system, found, accuracy, boxes))
     return found
 

@@ -19,6 +19,8 @@ _CLIMBS = 8
 """Most frequencies tried for a better lower bound."""
 _PROGRESS = 1e-5
 """[-] relative progress of the lower bound below which no other frequency is tried."""
+MOST_HALVED = 8
+"""Most real parameters whose ranges are halved: each halving tries all of them, and takes minutes beyond."""
 ParameterBox = Mapping[str, tuple[float, float]]
 """Lower and upper limit of the normalised value of each real parameter."""
 
@@ -32,16 +34,16 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
     Parameters
     ----------
     system
-        With inputs and outputs, stable at Delta = 0.
+        With inputs and outputs; the upper bound is infinite if a member is unstable.
     accuracy
         [-] relative distance of each upper bound from the least one of D-G scalings.
     boxes
-        Largest number of boxes.
+        Largest number of boxes; 1 for scalings alone, as where there are more than eight parameters.
 
     Raises
     ------
     ValueError
-        If the system is not stable at Delta = 0, or has no blocks, inputs or outputs.
+        If the system has no blocks, inputs or outputs.
 
     References
     ----------
@@ -86,7 +88,7 @@ def bracket_gain(system: Uncertain, *, accuracy: float, boxes: int, wanted: floa
         enough = wanted or (1.0 + 2.0 * accuracy) * best.lower
         if bracket.upper <= enough or best.lower >= (wanted or np.inf):
             return replace(best, upper=bracket.upper)
-        if len(leaves) >= boxes or not whole:
+        if len(leaves) >= boxes or not 0 < len(whole) <= MOST_HALVED:
             known = replace(best, upper=bracket.upper)
             return known if wanted else _bound_open_boxes(system, leaves, known, accuracy, enough)
         leaves.remove((box, bracket))
@@ -155,7 +157,8 @@ def restrict(system: Uncertain, box: ParameterBox, *, radius: float = 1.0) -> Un
             low, high = box[block.name]
             delta += [ureal(block.name, range=(low, high))] * block.repeats
         else:
-            delta.append(radius * np.eye(block.shape[0]) @ ultidyn(block.name, *block.shape))
+            one = radius * np.eye(block.n_outputs) @ ultidyn(block.name, block.n_outputs, block.n_inputs)
+            delta += [one] * block.repeats
     return join(stack(*delta), system.M, system.n_w, system.n_z)
 
 

@@ -1,5 +1,7 @@
 """The unknowns that uncertain systems are written with: real and complex numbers, and dynamics of bounded gain."""
 
+from typing import Any
+
 import numpy as np
 
 from gustproof.robust.lti.state_space import gain
@@ -40,18 +42,26 @@ def ureal(
     if sum(each is not None for each in given.values()) != 1:
         raise ValueError(f"parameter '{name}': give one of {', '.join(given)}")
     if range is not None:
-        low, high = range
+        low, high = _pair(name, range)
         nominal = 0.5 * (low + high) if nominal is None else nominal
     elif nominal is None:
         raise ValueError(f"parameter '{name}': a deviation needs the nominal value")
     else:
-        spread = plus_minus if percent is None else percent
+        spread: Any = plus_minus if percent is None else percent
         unit = 1.0 if percent is None else 0.01 * abs(nominal)
-        down, up = (-spread, spread) if isinstance(spread, (int, float)) else spread or (0.0, 0.0)
+        down, up = _pair(name, spread if np.ndim(spread) else (-spread, spread))
         low, high = nominal + unit * down, nominal + unit * up
     block = RealBlock(name=name, low=float(low), high=float(high), nominal=float(nominal))
     b, c = block.coefficients
     return Uncertain(M=gain([[-c, 1.0], [b, block.nominal]]), blocks=(block,))
+
+
+def _pair(name: str, ends: Any) -> tuple[float, float]:
+    """Return the ends of a range or deviation."""
+    if np.shape(ends) != (2,):
+        raise ValueError(f"parameter '{name}': {ends!r} must be two numbers, the lower one first")
+    low, high = ends
+    return float(low), float(high)
 
 
 def ucomplex(name: str, nominal: float, radius: float) -> Uncertain:

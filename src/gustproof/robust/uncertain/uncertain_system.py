@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _EDGE = 1e-9
 """[-] excess over 1 of a normalised value that counts as rounding."""
+_FAR = 10.0
+"""Exponent of two beyond which a feedthrough is inverted in units of its own."""
 _CORNERS = 10
 """Most parameters whose ranges' corners are all tried for a singular divisor."""
 
@@ -255,8 +257,12 @@ class Uncertain(Shown):
         """
         if self.n_inputs != self.n_outputs:
             raise ValueError(f"the system is {self.n_outputs} x {self.n_inputs}, only a square one has an inverse")
-        M, n_z, n_w, n = self.M, self.n_z, self.n_w, self.n_inputs
+        n_z, n_w, n = self.n_z, self.n_w, self.n_inputs
         _require_inverse(self)
+        # y in units in which it is about u, else 1 - D loses the digits of a small D
+        unit = _far_units(np.abs(self.nominal_system().D).max(axis=1, initial=0.0))
+        each = np.append(np.ones(n_z), unit)[:, None]
+        M = replace(self.M, C=self.M.C / each, D=self.M.D / each)
         # closing u = u + (wanted - y) leaves y = wanted; the new output is u
         D11, D12, D21, D22 = M.D[:n_z, :n_w], M.D[:n_z, n_w:], M.D[n_z:, :n_w], M.D[n_z:, n_w:]
         zero, one, state = np.zeros((n, n)), np.eye(n), np.zeros((M.order, n))
@@ -264,6 +270,8 @@ class Uncertain(Shown):
         B, C = np.hstack([M.B[:, :n_w], state, M.B[:, n_w:]]), np.vstack([M.C[:n_z], state.T, -M.C[n_z:]])
         opened = Lti(A=M.A, B=B, C=C, D=np.block(inner), dt=M.dt)
         closed = close_known(opened, gain(np.eye(n), M.dt))
+        each = np.append(np.ones(n_w), unit)
+        closed = replace(closed, B=closed.B / each, D=closed.D / each)
         return Uncertain(M=closed, blocks=self.blocks, inputs=self.outputs, outputs=self.inputs)
 
     def feedback(self, K: "System" = 1.0, sign: float = -1.0) -> "Uncertain":
@@ -324,6 +332,9 @@ class Uncertain(Shown):
     __mul__, __rmul__ = __matmul__, __rmatmul__
 
     def __truediv__(self, other: "System") -> "Uncertain":
+        known: Any = other
+        if hasattr(known, "num") and known.issiso():  # a transfer function, whose inverse alone may be proper
+            return self @ as_uncertain(1 / known)
         return self @ as_uncertain(other).inverse()
 
     def __rtruediv__(self, other: "System") -> "Uncertain":
@@ -727,6 +738,12 @@ def _require_inverse(system: Uncertain) -> None:
     else:
         return
     raise ValueError(f"no inverse: the feedthrough is singular for some {named}")
+
+
+def _far_units(sizes: Matrix) -> Matrix:
+    """Return powers of two next to sizes that are far from 1, and 1 for the others."""
+    exponents = np.rint(np.log2(np.where(sizes > 0.0, sizes, 1.0)))
+    return np.asarray(np.exp2(np.where(np.abs(exponents) > _FAR, exponents, 0.0)), dtype=np.float64)
 
 
 def _corners(names: list[str]) -> list[dict[str, float]]:

@@ -98,7 +98,8 @@ class RealBlock:
         """Return the normalised value of a number in the range; refuse any other."""
         number = np.asarray(value)
         edge = _BEYOND * (self.high - self.low)
-        inside = number.size == 1 and np.isrealobj(number) and self.low - edge <= number.item() <= self.high + edge
+        is_real = np.issubdtype(number.dtype, np.number) and np.isrealobj(number)
+        inside = number.size == 1 and is_real and self.low - edge <= number.item() <= self.high + edge
         if not inside:
             raise ValueError(f"parameter '{self.name}' is {value!r}, must be in [{self.low:g}, {self.high:g}]")
         return float(np.clip(self.delta(number.item()), -1.0, 1.0))
@@ -155,6 +156,8 @@ class FullBlock:
             size = hinf_norm(system).gain if self.is_dynamic else np.inf
             normed: Any = replace(system, C=system.C / self.bound, D=system.D / self.bound)
         else:
+            if not np.issubdtype(np.asarray(value).dtype, np.number):
+                raise ValueError(f"block '{self.name}' is {value!r}, must be a number, a matrix or a system")
             normed = (np.atleast_2d(value) - self.nominal) / self.bound
             size = self.bound * float(np.linalg.norm(normed, 2)) if np.isfinite(normed).all() else np.inf
         if not size <= (1.0 + _BEYOND) * self.bound:

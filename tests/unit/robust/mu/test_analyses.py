@@ -293,6 +293,18 @@ def test_a_family_with_an_unstable_member_has_an_infinite_worst_gain():
     assert max(found.worst_member.poles().real) > 0.0
 
 
+def test_a_complex_number_that_occurs_twice_is_one_number():
+    c = ucomplex("c", 1.0, 0.3)
+    found = wcgain(c * c)
+    assert 1.69 * (1.0 - 1e-6) <= found.upper <= 1.011 * 1.69
+    assert found.lower <= 1.69 * (1.0 + 1e-9)
+    assert abs(found.worst["c"] - 1.0) == pytest.approx(0.3)
+    k = ureal("k", 1.0, percent=1)
+    margin = robstab(feedback(k * c * c, -0.5))  # destabilised at c^2 k = 2
+    assert (1.0 + 0.3 * margin.upper) ** 2 * (1.0 + 0.01 * margin.upper) == pytest.approx(2.0, rel=1e-3)
+    assert margin.gap < 0.01
+
+
 def test_the_worst_disk_margin_has_its_member():
     found = wcmargin(ureal("k", 4.0, percent=25) * CUBIC)
     worst = diskmargin(5.0 * CUBIC).output

@@ -174,6 +174,9 @@ def test_values_are_physical_and_nothing_is_extrapolated():
         (lambda: uss([[M * np.eye(2)]], 1, 1, 0), "entry 1, 1 of the matrix is 2 x 2, must be one number"),
         (lambda: ultidyn("d", (2, 2)), r"give two whole numbers, of outputs and inputs: ultidyn\('d', 2, 3\)"),
         (lambda: ucomplex("c", 1 + 1j, 0.3), r"block 'c' has the nominal value \(1\+1j\), must be real"),
+        (lambda: M.substitute({"m": K}), "parameter 'm' is Uncertain"),
+        (lambda: ucomplex("c", 1, 0.5).substitute({"c": "1"}), "block 'c' is '1', must be a number"),
+        (lambda: ureal("a", 1.0, percent=(-1, 2, 3)), r"\(-1, 2, 3\) must be two numbers"),
         (lambda: hinf_norm(M * G), "an uncertain system is a family: take a member by substitute"),
         (lambda: ureal("a", 1.0), "give one of range, percent, plus_minus"),
         (lambda: ureal("a", percent=10), "a deviation needs the nominal value"),
@@ -183,6 +186,19 @@ def test_values_are_physical_and_nothing_is_extrapolated():
 def test_what_has_no_value_is_refused_by_name(write, message):
     with pytest.raises(ValueError, match=message):
         write()
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 1e9])
+def test_an_inverse_keeps_the_digits_of_far_units(size):
+    inverse = 1 / append(ureal("c", size, percent=20) * ct.tf([1, 2], [1, 1]), 3.0)
+    found = at(inverse.substitute({"c": 1.1 * size}))
+    assert found == pytest.approx(np.diag([(POINT + 1) / (POINT + 2) / (1.1 * size), 1 / 3]), rel=1e-14)
+
+
+def test_a_number_over_s_is_proper():
+    assert at((M / ct.tf("s")).substitute({"m": 2.4})) == pytest.approx(2.4 / POINT)
+    with pytest.raises(ValueError, match="no state space"):
+        M * ct.tf("s")
 
 
 def test_what_is_no_index_or_exponent_is_told():
