@@ -45,6 +45,7 @@ from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
 from gustproof.types import Array
 
 _ENOUGH, _BRIEF = 150.0, 20.0  # [s] of a long log that are used, and for the first search
+_HOPELESS = 8.0  # [Hz] of a log that is refused at once: a piece of it has too few samples for any filter
 _WANTED = 30.0  # [s] in the air, below which a loose gain is blamed on that
 _LAGS, _DELAYS = (0.015, 0.04, 0.1), (0.002, 0.02)  # [s] where the search starts
 _SURPRISE, _SCALES = 4.0, (0.4, 2.5)  # [-] of pieces held out, beyond which the model is none of this vehicle
@@ -172,11 +173,14 @@ def identify(log: FlightLog, *, progress: Callable[[float], None] | None = None)
     Raises
     ------
     ConfigError
-        If the log has no commands, or is too short in the air.
+        If the log has no commands, is too short in the air, or far too slow.
     """
     if log.airborne == ():
         raise ConfigError(f"{log.source}: {NEVER_FLEW}")
-    slow = describe_slow_log(log, {"gyro": log.gyro, "command": _find_command(log)[0]})
+    signals = {"gyro": log.gyro, "command": _find_command(log)[0]}
+    if hopeless := describe_slow_log(log, signals, _HOPELESS):
+        raise ConfigError(f"{log.source}: {hopeless}")
+    slow = describe_slow_log(log, signals)
     filled = fill_command(log)
     return _identify(filter_command(filled.log if filled else log), progress or (lambda _: None), slow, filled)
 
@@ -276,7 +280,7 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
         for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
             theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)
-            alike = float(np.mean(linear.error[1:] * linear.error[:-1])) / left
+            alike = float(np.mean(linear.error[1:] * linear.error[:-1])) / max(left, 1e-300)  # of a gyro that is still
             found = _Axis(
                 data=one, theta=theta, replicates=replicates[:, at], unexplained=left, likeness=alike, curves=curves
             )

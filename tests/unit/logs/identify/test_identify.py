@@ -285,6 +285,14 @@ def test_logs_without_commands_or_too_short_are_refused(brief):
         identify(replace(brief, airborne=((1.0, 6.0),)))
 
 
+def test_a_gyro_that_is_still_about_an_axis_shows_nothing_of_it(brief):
+    """Of a simulator without noise, or of a dead sensor: it ended in a division by zero."""
+    level = LogSignal(time=brief.gyro.time, values=brief.gyro.values * [1.0, 1.0, 0.0])
+    roll, _, yaw = identify(replace(brief, gyro=level, airborne=((1.0, 16.0),))).axes
+    assert roll.advice != yaw.advice
+    assert yaw.gain is None
+
+
 def test_a_log_that_was_never_in_the_air_shows_nothing(brief):
     """A vehicle on a bench answered its own commands: 74 % of its acceleration was explained."""
     log = replace(brief, airborne=())

@@ -35,10 +35,12 @@ def test_a_slow_log_is_refused_for_its_rate(rates: tuple[float, float], system: 
     told = describe_slow_log(log, {"gyro": log.gyro, "command": log.command})
     assert told.startswith("the log is too slow, ")
     assert cure in told
-    if max(rates) < 10.0:
+    if max(rates) == 9.0:
         assert [axis.advice for axis in identify(log).axes] == [told] * 3
-    with pytest.raises(ConfigError, match="x: the log is too slow"):
-        identify(replace(log, airborne=((0.0, 4.0),)))
+    with pytest.raises(
+        ConfigError, match="x: the log is too slow"
+    ):  # below 8 Hz at once: pieces of .tlog broke filters
+        identify(log if min(rates) < 8.0 else replace(log, airborne=((0.0, 4.0),)))
 
 
 @pytest.mark.parametrize("system", ["px4", "ardupilot", "mavlink"])
