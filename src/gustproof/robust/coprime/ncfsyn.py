@@ -139,6 +139,8 @@ def ncfmargin(P: LinearSystem, K: LinearSystem | ArrayLike, sign: float = -1.0) 
     >>> f"{ncfmargin(tf(1, [1, 0]), 1.0).margin:.4f}"
     '0.7071'
     """
+    if sign not in (-1, 1):
+        raise ValueError(f"sign is {sign!r}, must be -1 or 1")
     plant = as_lti(P)
     C = as_controller(K, plant.dt)
     peak = check_shaped_loop(plant, C if sign > 0.0 else -C)

@@ -40,7 +40,8 @@ class DiskMargin(Shown):
         bounds = f"{self.lower:.4g}" if self.upper <= 1.005 * self.lower else f"{self.lower:.4g} to {self.upper:.4g}"
         low, high = self.gains
         covers = f"gains {low:.3g} to {high:.3g}, phase {self.phase_deg:.3g} deg"
-        return [f"Disk margin {self.where}: {bounds} at {self.omega:.4g} rad/s, {covers}"]
+        at = f" at {self.omega:.4g} rad/s" if math.isfinite(self.omega) else ""
+        return [f"Disk margin {self.where}: {bounds}{at}, {covers}"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

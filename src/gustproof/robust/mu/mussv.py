@@ -11,6 +11,7 @@ from gustproof.robust.lti.state_space import ComplexMatrix, Matrix, gain
 from gustproof.robust.mu.nearest_singular import nearest_singular_delta
 from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.singular_value import SHARES, matrix_lower_bound, mu
+from gustproof.robust.mu.sweep import require_search
 from gustproof.robust.shown import Shown
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
@@ -74,10 +75,11 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
     """
     if hasattr(M, "dt"):
         raise ValueError("M is a system: take its frequency response, or robstab of the uncertain system")
+    require_search(accuracy, boxes)
     whole = np.asarray(M, dtype=np.complex128)
     known = tuple(_block(k, pair) for k, pair in enumerate(blocks))
     z, w = (sum(block.shape[axis] for block in known) for axis in (1, 0))
-    if whole.ndim not in (2, 3) or whole.shape[-2:] != (z, w) or not known:
+    if whole.ndim not in (2, 3) or whole.shape[-2:] != (z, w) or 0 in (len(known), whole.size):
         raise ValueError(f"M has the shape {whole.shape}, the blocks need {z} x {w}")
     if not np.isfinite(whole).all():
         raise ValueError("M has what is no finite number")
@@ -91,7 +93,9 @@ def _block(k: int, pair: tuple[int, int]) -> DeltaBlock:
     name = f"block {k + 1}"
     if np.shape(pair) != (2,):
         raise ValueError(f"{name} is {pair!r}, must be a pair: (-r, 0) real, (r, 0) complex, (p, m) full")
-    p, m = pair
+    p, m = (int(size) for size in pair)
+    if [p, m] != list(pair):
+        raise ValueError(f"{name} is {pair!r}, must be a pair of whole numbers")
     if (p < 0 and m == 0) or (p, m) == (-1, 1):
         return RealBlock(name=name, low=-1.0, high=1.0, nominal=0.0, repeats=-p)
     if m == 0 and p > 0:
@@ -109,7 +113,7 @@ def _bounds(
     else:
         upper = best_scalings(M, blocks, gain=False, accuracy=accuracy).level(M)
         full = any(isinstance(block, FullBlock) for block in blocks)
-        lower, delta = matrix_lower_bound(M, blocks, upper) if full else (0.0, {})
+        lower, delta = matrix_lower_bound(M, blocks, upper) if full and upper > 0.0 else (0.0, {})
     Delta = np.zeros((M.shape[1], M.shape[0]), dtype=np.complex128)
     for block, w, z in zip(blocks, rows(blocks), columns(blocks), strict=True):
         value = np.atleast_2d(np.asarray(delta.get(block.name, np.zeros((block.n_outputs, block.n_inputs)))))

@@ -10,7 +10,7 @@ from gustproof.robust.lti.norms import Peak, hinf_norm
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.mu.robust_bounds import RobustMargin
 from gustproof.robust.mu.singular_value import mu
-from gustproof.robust.mu.sweep import Bracket, require_stable, to_continuous
+from gustproof.robust.mu.sweep import Bracket, require_search, require_stable, to_continuous
 from gustproof.robust.mu.worst_gain import bracket_gain, require_gain
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
@@ -59,6 +59,7 @@ def robstab(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> R
     Robust stability margin: 4 to 4 at 1.732 rad/s
     gain: 8 of [3, 5], covered [0, 8]
     """
+    require_search(accuracy, boxes)
     system = as_uncertain(system)
     alone = Uncertain(M=system.M.subsystem(slice(0, system.n_z), slice(0, system.n_w)), blocks=system.blocks)
     found = mu(alone, accuracy=accuracy, boxes=boxes)
@@ -92,6 +93,7 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: 
     >>> 1.97 < found.lower <= 2.0 <= found.upper < 2.03  # the gain 3 is twice the deviation away
     True
     """
+    require_search(accuracy, boxes)
     system = as_uncertain(system)
     require_gain(system)
     if not (math.isfinite(gamma) and gamma > 0.0):

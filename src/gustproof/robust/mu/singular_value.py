@@ -27,6 +27,8 @@ _SAME = 1e-3
 """[-] relative difference of a gain from the inverse of its radius at which both are mu."""
 _RADII = 12
 """Most radii of the other blocks at which the gain at the last one is searched."""
+_NOTHING = 1e-9
+"""[-] mu below which a Delta that is found owes itself to rounding."""
 SHARES = (0.998, 0.99, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)
 """[-] shares of the radius of the found Delta that branch and bound tries in turn."""
 
@@ -85,15 +87,22 @@ def _bracket(system: Uncertain, accuracy: float) -> Bracket:
         if exact:
             return replace(exact, omega=unwarp_frequency(exact.omega, system))
     upper, grid = sweep(M, blocks, gain=False, accuracy=accuracy)
+    if upper == 0.0 or (upper < _NOTHING and not system.n_inputs):
+        return Bracket(lower=0.0, upper=upper, omega=0.0, delta={})
     if all(isinstance(block, RealBlock) for block in blocks):
         found = _realmatrix_lower_bound(M, blocks, upper)
-        return replace(found, omega=unwarp_frequency(found.omega, system))
+    else:
+        found = _mixed_lower_bound(M, blocks, upper, grid)
+    return replace(found, omega=unwarp_frequency(found.omega, system))
+
+
+def _mixed_lower_bound(M: Lti, blocks: tuple[DeltaBlock, ...], upper: float, grid: list[float]) -> Bracket:
+    """Return the best lower bound at the frequencies of a grid, and where responses are real."""
     best = _real_response_lower_bound(M, blocks, upper)
-    best = replace(best, omega=unwarp_frequency(best.omega, system))
     for omega in grid:
         lower, delta = matrix_lower_bound(M.response(omega)[0], blocks, upper)
         if lower > best.lower:
-            best = Bracket(lower=lower, upper=upper, omega=unwarp_frequency(omega, system), delta=delta)
+            best = Bracket(lower=lower, upper=upper, omega=omega, delta=delta)
     return best
 
 

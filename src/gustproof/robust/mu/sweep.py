@@ -84,12 +84,22 @@ def sweep(
     units = balance(M, blocks[:-1] if gain else blocks)
     output = units.channels.output if gain else 1.0
     balanced = units.change(M, output=output)
+    if not gain and hinf_norm(balanced).gain == 0.0:
+        return 0.0, [0.0]
     if wanted is None:
         level, grid = _sweep(balanced, blocks, gain=gain, accuracy=accuracy)
     else:
         goal = (1.0 - _ROUNDING) * wanted / output
         level, grid = _prove(balanced, blocks, gain=gain, accuracy=accuracy, level=goal)
     return output * level, grid
+
+
+def require_search(accuracy: float, boxes: int) -> None:
+    """Raise ValueError unless a search has an accuracy between 0 and 1 and a number of boxes."""
+    if not 0.0 < accuracy < 1.0:
+        raise ValueError(f"accuracy is {accuracy!r}, must be between 0 and 1")
+    if not (isinstance(boxes, (int, np.integer)) and boxes >= 1):
+        raise ValueError(f"boxes is {boxes!r}, must be a whole number, 1 or more")
 
 
 def require_stable(M: Lti) -> None:

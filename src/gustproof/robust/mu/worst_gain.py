@@ -8,7 +8,14 @@ import numpy as np
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.mu.robust_bounds import RobustBounds
 from gustproof.robust.mu.scalings import best_scalings
-from gustproof.robust.mu.sweep import Bracket, add_performance_block, sweep, to_continuous, unwarp_frequency
+from gustproof.robust.mu.sweep import (
+    Bracket,
+    add_performance_block,
+    require_search,
+    sweep,
+    to_continuous,
+    unwarp_frequency,
+)
 from gustproof.robust.mu.worst_delta import most_singular_delta, most_unstable_delta, worst_delta
 from gustproof.robust.uncertain.elements import ultidyn, ureal
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
@@ -58,6 +65,7 @@ def wcgain(system: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Ro
     Worst gain: 2.4 to 2.406 at 0 rad/s
     gain: 2.4 of [1.6, 2.4]
     """
+    require_search(accuracy, boxes)
     system = as_uncertain(system)
     require_gain(system)
     found = bracket_gain(system, accuracy=accuracy, boxes=boxes)

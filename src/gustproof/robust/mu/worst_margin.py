@@ -7,7 +7,7 @@ from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.mu.robust_bounds import RobustBounds
 from gustproof.robust.mu.robust_margin import largest_size
 from gustproof.robust.mu.singular_value import disk_margin_bounds
-from gustproof.robust.mu.sweep import Bracket, require_stable, to_continuous
+from gustproof.robust.mu.sweep import Bracket, require_search, require_stable, to_continuous
 from gustproof.robust.mu.worst_gain import bracket_gain, wcgain
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
 from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain
@@ -51,6 +51,7 @@ def wcmargin(L: Uncertain, *, accuracy: float = 0.005, boxes: int = 16) -> Robus
     Worst disk margin: 0.99775 to 1 at 1.732 rad/s
     gain: 1.5 of [0.5, 1.5]
     """
+    require_search(accuracy, boxes)
     L = as_uncertain(L)
     if not L.blocks:
         raise ValueError("the loop has no blocks: nothing is uncertain, use diskmargin")

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from gustproof.robust.lti.state_space import Matrix
-from gustproof.robust.uncertain.uncertain_system import Known, System, Uncertain, as_given, as_uncertain, close, stack
+from gustproof.robust.uncertain.uncertain_system import (
+    Known,
+    System,
+    Uncertain,
+    as_given,
+    as_uncertain,
+    close,
+    names_of,
+    stack,
+)
 
 if TYPE_CHECKING:
     import control
@@ -37,7 +46,7 @@ def connect(*systems: System, inputs: Sequence[str], outputs: Sequence[str]) -> 
     >>> loop.outputs, loop.substitute({"gain": 1.3}).poles().real
     (('y', 'u'), array([-6.2]))
     """
-    together = stack(*systems)
+    inputs, outputs, together = names_of(inputs), names_of(outputs), stack(*systems)
     made, read = together.outputs, together.inputs
     known = dict.fromkeys((*made, *read))
     for faults, fault in (

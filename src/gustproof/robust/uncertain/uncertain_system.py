@@ -245,7 +245,7 @@ class Uncertain(Shown):
 
     def with_names(self, *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()) -> "Uncertain":
         """Return the same system with other names of its signals; kinds left out keep theirs."""
-        return replace(self, inputs=tuple(inputs) or self.inputs, outputs=tuple(outputs) or self.outputs)
+        return replace(self, inputs=names_of(inputs) or self.inputs, outputs=names_of(outputs) or self.outputs)
 
     def inverse(self) -> "Uncertain":
         """Return the system from y to u.
@@ -288,6 +288,8 @@ class Uncertain(Shown):
     def __getitem__(self, channels: "tuple[_Channels, _Channels]") -> "Uncertain":
         if not isinstance(channels, tuple) or len(channels) != 2:
             raise TypeError("select outputs and inputs: system[outputs, inputs]")
+        if any(np.asarray(each).dtype == bool for each in channels):
+            raise TypeError("select outputs and inputs by number or name, not by true and false")
         out, into = _select("output", channels[0], self.outputs), _select("input", channels[1], self.inputs)
         M = self.M.subsystem(
             [*range(self.n_z), *(self.n_z + k for k in out)], [*range(self.n_w), *(self.n_w + k for k in into)]
@@ -454,6 +456,7 @@ def simplify(system: Uncertain, *, accuracy: float = 1e-10) -> Uncertain:
     """
     if not np.isfinite(accuracy) or not 0.0 < accuracy < 1.0:
         raise ValueError(f"accuracy is {accuracy!r}, must be between 0 and 1")
+    system = as_uncertain(system)
     found = reduce(system.M, system.blocks, accuracy=accuracy)
     return replace(system, M=found.M, blocks=found.blocks)
 
@@ -593,6 +596,8 @@ def feedback(G: System, K: System = 1.0, sign: float = -1.0) -> Any:
 
 def close(G: System, K: System, sign: float) -> Uncertain:
     """Return the loop of `feedback`, of known systems too."""
+    if not isinstance(sign, (int, float, np.number)):
+        raise TypeError(f"the sign of the feedback is {sign!r}, must be -1 or 1")
     plant, K = as_uncertain(G), as_uncertain(K)
     controller = _repeat(K, plant.n_outputs) if plant.n_inputs == plant.n_outputs else K
     if _shape(controller) != _shape(plant)[::-1]:
@@ -685,6 +690,11 @@ def _put_delta_first(sizes: list[tuple[int, int]]) -> list[int]:
 def _move_last(total: int, moved: range) -> list[int]:
     """Return all channels with the `moved` ones last."""
     return [*(channel for channel in range(total) if channel not in moved), *moved]
+
+
+def names_of(given: Sequence[str]) -> tuple[str, ...]:
+    """Return names; a text is one."""
+    return (given,) if isinstance(given, str) else tuple(given)
 
 
 def _shape(system: Uncertain) -> tuple[int, int]:

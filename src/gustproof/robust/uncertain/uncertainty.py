@@ -90,6 +90,8 @@ class RealBlock:
 
     def interval(self, radius: float) -> tuple[float, float]:
         """Return the values at normalised ones in [-radius, radius]; without end where the rational form has a pole."""
+        if math.isinf(radius):
+            return -math.inf, math.inf
         _, c = self.coefficients
         low = -math.inf if c * radius >= 1.0 else float(self.value(-radius))
         return low, math.inf if -c * radius >= 1.0 else float(self.value(radius))

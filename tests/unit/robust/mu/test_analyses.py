@@ -293,6 +293,31 @@ def test_a_family_with_an_unstable_member_has_an_infinite_worst_gain():
     assert max(found.worst_member.poles().real) > 0.0
 
 
+def test_a_loop_that_no_delta_closes_has_no_end_of_its_margin():
+    d = ultidyn("d")
+    for open_chain in (tf(1, [1, 1]) * (1 + d), ureal("a", 1.0, percent=10) * tf(1, [1, 1]) * (1 + d)):
+        found = robstab(open_chain)
+        assert found.lower > 1e9
+        assert (found.upper, found.worst, found.covered["d"]) == (math.inf, {}, found.lower)
+    assert both(mussv(np.zeros((2, 2)), [(-1, 0), (1, 1)])) == (0.0, 0.0)
+    assert both(mussv(np.diag([0.0, 2.0]), np.array([[-1.0, 0.0], [1.0, 1.0]]))) == pytest.approx((2.0, 2.0), rel=1e-3)
+
+
+def test_a_search_without_an_accuracy_or_boxes_is_refused():
+    loop = feedback(ureal("k", 4.0, percent=25) * CUBIC)
+    for wrong, message in (
+        (lambda: robstab(loop, accuracy=0.0), "accuracy is 0.0, must be between 0 and 1"),
+        (lambda: robgain(loop, 3.0, accuracy=-1), "accuracy is -1"),
+        (lambda: wcgain(loop, boxes=0), "boxes is 0, must be a whole number, 1 or more"),
+        (lambda: wcmargin(loop, boxes=0.5), "boxes is 0.5"),
+        (lambda: mussv(np.zeros((0, 1, 1)), [(1, 1)]), r"M has the shape \(0, 1, 1\)"),
+        (lambda: mussv([[1.0]], [(0.5, 1)]), "must be a pair of whole numbers"),
+        (lambda: ncfmargin(CUBIC, 1.0, sign=2), "sign is 2, must be -1 or 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            wrong()
+
+
 def test_a_complex_number_that_occurs_twice_is_one_number():
     c = ucomplex("c", 1.0, 0.3)
     found = wcgain(c * c)

@@ -75,6 +75,9 @@ def test_known_systems_alone_give_a_state_space_with_its_names():
     assert (found[1].input_labels, found[1].poles()) == (["u"], pytest.approx(-5.0))
     assert (loop.input_labels, loop.output_labels, loop.poles()) == (["r"], ["y"], pytest.approx(-5.0))
     assert (append(1, 2) * ct.ss(0.5, 1, 1, 0, 0.1)).dt == 0.1  # a gain has no time of its own
+    one = connect(plant, gain, ct.summing_junction(["r", "-y"], "e"), inputs="r", outputs="y")
+    assert (one.input_labels, simplify(one).M.order) == (["r"], 1)
+    assert (M * plant).with_names(outputs="level").outputs == ("level",)
     assert isinstance(feedback(Uncertain(M=as_lti(plant))), Uncertain)
 
 
@@ -206,6 +209,8 @@ def test_what_is_no_index_or_exponent_is_told():
         (lambda: M["m"], TypeError, "outputs, inputs"),
         (lambda: M[2, 0], IndexError, "output 2 of a system that has 1"),
         (lambda: M["y", 0], KeyError, "no output is named 'y'"),
+        (lambda: (M * H)[np.array([True, False]), :], TypeError, "by number or name"),
+        (lambda: feedback(M, 1, "+"), TypeError, r"the sign of the feedback is '\+'"),
         (lambda: M**0.5, TypeError, "must be an integer"),
         (lambda: M + None, TypeError, "None is no system, matrix or number"),
         (lambda: M * "k", TypeError, "'k' is no system"),
