@@ -98,7 +98,7 @@ class Lti(Shown):
         n = np.atleast_2d(np.asarray(self.A, dtype=np.float64)).shape[0] if np.size(self.A) else 0
         for name, shape in {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m)}.items():
             object.__setattr__(self, name, readonly_copy(name, _as_matrix(getattr(self, name), shape), shape))
-        if not isinstance(self.dt, (int, float, np.number)) or not 0.0 <= self.dt < np.inf:
+        if isinstance(self.dt, bool) or not isinstance(self.dt, (int, float, np.number)) or not 0.0 <= self.dt < np.inf:
             raise ValueError(f"dt is {self.dt!r}, must be 0 (continuous) or positive")
 
     @property
@@ -192,7 +192,8 @@ def signal_names(system: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     kinds = (("input_labels", "inputs"), ("output_labels", "outputs"))
     labels = (getattr(system, given, getattr(system, ours, ())) for given, ours in kinds)
-    inputs, outputs = (tuple("" if _UNNAMED.fullmatch(name) else name for name in names) for names in labels)
+    known = (names if isinstance(names, (tuple, list)) else () for names in labels)  # scipy has numbers there
+    inputs, outputs = (tuple("" if _UNNAMED.fullmatch(name) else name for name in names) for names in known)
     return inputs, outputs
 
 

@@ -13,7 +13,7 @@ from gustproof.robust.mu.scalings import best_scalings
 from gustproof.robust.mu.singular_value import SHARES, matrix_lower_bound, mu
 from gustproof.robust.mu.sweep import require_search
 from gustproof.robust.shown import Shown
-from gustproof.robust.uncertain.uncertain_system import Uncertain
+from gustproof.robust.uncertain.uncertain_system import Uncertain, is_system
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBlock, columns, rows
 
 _TIGHT = 0.995
@@ -73,7 +73,7 @@ def mussv(M: ArrayLike, blocks: Sequence[tuple[int, int]], *, accuracy: float = 
     >>> mussv([[0.5, 4.0], [-0.3, 0.8]], [(1, 1), (1, 1)], accuracy=1e-4)
     mu: 1.42377 to 1.42385
     """
-    if hasattr(M, "dt"):
+    if is_system(M):
         raise ValueError("M is a system: take its frequency response, or robstab of the uncertain system")
     require_search(accuracy, boxes)
     whole = np.asarray(M, dtype=np.complex128)

@@ -199,6 +199,8 @@ def to_continuous(system: Uncertain) -> Lti:
     """
     M = balance_states(system.M)
     continuous = bilinear_transform(M) if M.dt else M
+    if not continuous.is_stable():  # where a pole is on the axis there is no response to balance by
+        return continuous
     return balance(continuous, system.blocks).change(continuous)
 
 

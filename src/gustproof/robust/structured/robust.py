@@ -12,7 +12,7 @@ from gustproof.robust.structured.goals import NORM, Goal
 from gustproof.robust.structured.hinfstruct import Progress, StructResult, check_sizes, search_problem
 from gustproof.robust.structured.objective import Problem
 from gustproof.robust.uncertain.interpolation import interpolate_blocks
-from gustproof.robust.uncertain.uncertain_system import Uncertain, lft
+from gustproof.robust.uncertain.uncertain_system import Uncertain, as_uncertain, lft
 from gustproof.robust.uncertain.uncertainty import Delta
 
 _MOST_ROUNDS = 12
@@ -98,6 +98,7 @@ def robust_hinfstruct(
     >>> f"certified {result.gamma:.2f}, attained {result.norm:.2f}, {len(result.corners)} members"
     'certified 0.22, attained 0.22, 3 members'
     """
+    P = as_uncertain(P)
     if not P.blocks:
         raise ValueError("P has no uncertain blocks: hinfstruct is for a known plant")
     structure = full_structure(order, n_meas, n_con, dt=P.M.dt) if structure is None else structure

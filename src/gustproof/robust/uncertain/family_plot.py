@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 _POINTS = 400
 """Number of frequencies drawn, over the range of the poles and a decade beyond."""
+_RISE = 1e3
+"""[-] most that the axis goes beyond the nominal gains: a worst member on the edge of stability has no end."""
 
 
 def draw_family(members: Sequence[Lti], nominal: Lti, worst: Lti | None, ax: "Axes | None") -> "Axes":
@@ -35,6 +37,8 @@ def draw_family(members: Sequence[Lti], nominal: Lti, worst: Lti | None, ax: "Ax
         else:
             label, color = ("nominal", "C0") if k == len(members) else ("worst", "C3")
             ax.loglog(omega, gains, color=color, label=label)
+    usual = _RISE * float(np.max(np.linalg.norm(nominal.response(omega), 2, axis=(1, 2)), initial=1.0))
+    ax.set_ylim(top=min(usual, ax.get_ylim()[1]))
     ax.set(xlabel="frequency [rad/s]", ylabel="largest gain")
     ax.legend()
     return ax

@@ -85,7 +85,8 @@ class Uncertain(Shown):
     __array_ufunc__ = None
 
     def __post_init__(self) -> None:
-        """Check names and sizes."""
+        """Check names and sizes; any known system is taken for `M`."""
+        object.__setattr__(self, "M", as_lti(self.M))
         names = [block.name for block in self.blocks]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"block '{twice[0]}' occurs twice")
@@ -359,6 +360,11 @@ System = Uncertain | Known
 _Channels = int | str | slice | Sequence[int | str]
 
 
+def is_system(value: Any) -> bool:
+    """Return whether a value is an uncertain or a known system, no number or array."""
+    return isinstance(value, Uncertain) or hasattr(value, "dt")
+
+
 def as_uncertain(system: Any) -> Uncertain:
     """Return a system or matrix as an `Uncertain`; one without uncertainty has no blocks."""
     if isinstance(system, Uncertain):
@@ -381,9 +387,11 @@ def _as_matrix(entries: Any, *, transposed: bool = False) -> Uncertain:
         return Uncertain(M=gain(table))
     table = np.atleast_2d(table)
     p, m = table.shape
-    at = {place: entry for place, entry in np.ndenumerate(table) if isinstance(entry, Uncertain)}
-    known = [[0.0 if (i, j) in at else float(table[i, j]) for j in range(m)] for i in range(p)]
-    matrix = Uncertain(M=gain(known))
+    at = {k: as_uncertain(each) for k, each in np.ndenumerate(table) if is_system(each)}
+    known = np.array([0.0 if (i, j) in at else table[i, j] for i in range(p) for j in range(m)])
+    if not np.issubdtype(known.dtype, np.number):
+        raise TypeError(f"the matrix {entries!r} has entries that are no numbers or systems")
+    matrix = Uncertain(M=gain(known.reshape(p, m)))
     for (i, j), entry in at.items():
         if _shape(entry) != (1, 1):
             raise ValueError(f"entry {i + 1}, {j + 1} of the matrix is {_size(entry)}, must be one number")
@@ -424,6 +432,8 @@ def uss(A: Any, B: Any, C: Any, D: Any, dt: float = 0.0) -> Uncertain:
 
 def _stack(A: Any, B: Any, C: Any, D: Any, *, transposed: bool) -> tuple[Uncertain, int]:
     """Return the matrix [A B; C D] and the number of states."""
+    if not np.size(A):
+        return _as_matrix(D), 0
     known = (part if hasattr(part, "blocks") else _as_matrix(part, transposed=transposed) for part in (A, B, C, D))
     a, b, c, d = known
     n, m, p = a.n_inputs, d.n_inputs, d.n_outputs

@@ -17,6 +17,7 @@ from gustproof.robust import (
     ncfmargin,
     robgain,
     robstab,
+    robust_hinfstruct,
     ucomplex,
     ultidyn,
     ureal,
@@ -301,6 +302,18 @@ def test_a_loop_that_no_delta_closes_has_no_end_of_its_margin():
         assert (found.upper, found.worst, found.covered["d"]) == (math.inf, {}, found.lower)
     assert both(mussv(np.zeros((2, 2)), [(-1, 0), (1, 1)])) == (0.0, 0.0)
     assert both(mussv(np.diag([0.0, 2.0]), np.array([[-1.0, 0.0], [1.0, 1.0]]))) == pytest.approx((2.0, 2.0), rel=1e-3)
+
+
+def test_a_pole_on_the_axis_is_told_and_a_member_on_the_edge_is_drawn():
+    k = ureal("k", 1.0, percent=50)
+    for marginal in (tf(1, [1, 0, 1]), tf(1, [1, 0])):
+        with pytest.raises(ValueError, match="unstable at Delta = 0"):
+            robstab(k * marginal)
+        assert wcgain(k * marginal).lower == math.inf
+    edge = robstab(feedback(k * ss(0.5, 1, 1, 0, 0.1)))
+    assert edge.plot().get_ylim()[1] < 1e4  # of its own the pole at the last frequency goes to 1e16
+    with pytest.raises(ValueError, match="no uncertain blocks"):
+        robust_hinfstruct(ss(0.5, 1, 1, 0), 1, 1)
 
 
 def test_a_search_without_an_accuracy_or_boxes_is_refused():

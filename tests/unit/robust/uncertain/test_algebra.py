@@ -3,6 +3,7 @@
 import control as ct
 import numpy as np
 import pytest
+import scipy
 
 from gustproof.robust import append, connect, feedback, hinf_norm, lft, simplify, ucomplex, ultidyn, ureal, uss
 from gustproof.robust.lti.state_space import as_lti
@@ -180,6 +181,8 @@ def test_values_are_physical_and_nothing_is_extrapolated():
         (lambda: M.substitute({"m": K}), "parameter 'm' is Uncertain"),
         (lambda: ucomplex("c", 1, 0.5).substitute({"c": "1"}), "block 'c' is '1', must be a number"),
         (lambda: ureal("a", 1.0, percent=(-1, 2, 3)), r"\(-1, 2, 3\) must be two numbers"),
+        (lambda: uss(M, 1, 1, 0, True), "dt is True"),
+        (lambda: Uncertain(M=np.eye(2)), "ndarray is no linear system"),
         (lambda: hinf_norm(M * G), "an uncertain system is a family: take a member by substitute"),
         (lambda: ureal("a", 1.0), "give one of range, percent, plus_minus"),
         (lambda: ureal("a", percent=10), "a deviation needs the nominal value"),
@@ -198,6 +201,18 @@ def test_an_inverse_keeps_the_digits_of_far_units(size):
     assert found == pytest.approx(np.diag([(POINT + 1) / (POINT + 2) / (1.1 * size), 1 / 3]), rel=1e-14)
 
 
+def test_systems_from_elsewhere_are_operands_and_entries():
+    theirs = scipy.signal.StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    for write in (
+        lambda: M * theirs,
+        lambda: Uncertain(M=theirs) * M,
+        lambda: append([[M, 0]]) * append(theirs, theirs) * [[1], [2]],
+    ):
+        assert at(write().substitute({"m": 2.4})).item() == pytest.approx(2.4 / (POINT + 1))
+    assert at(append([[G, M], [0, 1]]).substitute({})) == pytest.approx(np.array([[at(G).item(), 2.0], [0, 1]]))
+    assert at(uss([], [], [], M).substitute({})) == pytest.approx(2.0)
+
+
 def test_a_number_over_s_is_proper():
     assert at((M / ct.tf("s")).substitute({"m": 2.4})) == pytest.approx(2.4 / POINT)
     with pytest.raises(ValueError, match="no state space"):
@@ -211,6 +226,7 @@ def test_what_is_no_index_or_exponent_is_told():
         (lambda: M["y", 0], KeyError, "no output is named 'y'"),
         (lambda: (M * H)[np.array([True, False]), :], TypeError, "by number or name"),
         (lambda: feedback(M, 1, "+"), TypeError, r"the sign of the feedback is '\+'"),
+        (lambda: uss(-M, 1, 1, None), TypeError, "the matrix None has entries that are no numbers or systems"),
         (lambda: M**0.5, TypeError, "must be an integer"),
         (lambda: M + None, TypeError, "None is no system, matrix or number"),
         (lambda: M * "k", TypeError, "'k' is no system"),
