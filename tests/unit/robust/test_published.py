@@ -1,4 +1,9 @@
-"""Figures that other programs print: SLICOT's examples, tests of Octave's control package, python-control, IQC-beta."""
+"""Figures that other programs print: SLICOT's examples, tests of Octave's control package, python-control, IQC-beta.
+
+MATLAB's are in `mu/test_analyses.py`, those of LPVTools in `lpv/test_lpvsyn.py`, HIMAT in `golden/test_mu_examples.py`.
+Not held against: MATLAB's transport aircraft and the demos of LTVTools and IQClab, which draw their bounds or read
+data files and print no figure; of SMAC no copy with figures was found.
+"""
 
 import math
 from collections.abc import Callable

@@ -21,6 +21,7 @@ from gustproof.robust import (
     ucomplex,
     ultidyn,
     ureal,
+    uss,
     wcgain,
     wcmargin,
 )
@@ -155,12 +156,21 @@ def julia_two_real() -> tuple[float, float]:
     return both(robstab(feedback(plant, np.eye(2))))
 
 
+def satellite_channel(loop: int) -> tuple[float, float]:
+    """Bounds on the worst disk margin of one loop, the other one closed."""
+    p, order = ureal("p", 10.0, percent=10), [loop, 1 - loop]
+    P = uss([[-0.2, p], [-p, -0.2]], np.eye(2), [[1, p], [-p, 1]], np.zeros((2, 2)))
+    L = P * (np.eye(2) + ultidyn("DEL", 2, 2, bound=0.1)) * [[1, -2], [0, 1]]
+    return both(wcmargin(lft(L[order, order], -1.0)))
+
+
 SPINNING = diskmargin(ss([[0, 10], [-10, 0]], [[1, -2], [0, 1]], [[1, 8], [-10, 1]], np.zeros((2, 2))))
 INTEGRATOR = tf(4, [1, -0.001])
 PUBLISHED = [
     ("robstab.html", lambda: spring_loop(robstab), (1.5960, 1.5993)),
     ("robgain.html", lambda: spring_loop(robgain, 1.5), (0.7821, 0.7837)),
     ("diskmargin.html", lambda: both(SPINNING.output), (0.4890, 0.4899)),
+    ("wcdiskmargin.html", lambda: satellite_channel(0), (0.6147, 0.6160)),
     ("diskmargin.html", lambda: both(SPINNING.loops[0]), (2.0, 2.0)),
     ("diskmargin.html", lambda: both(SPINNING.loops[1]), (2.0, 2.0)),
     ("ncfmargin.html", lambda: (ncfmargin(INTEGRATOR, tf(1, 1)).margin,) * 2, (0.7069, 0.7069)),
