@@ -1,10 +1,14 @@
 """A controller that its closed loop vouches for: the result of every synthesis."""
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from gustproof.errors import DesignError
 from gustproof.robust.lti.state_space import Lti, all_or_none, signal_names
 from gustproof.robust.shown import Shown
 
@@ -69,3 +73,19 @@ def keep_names(result: _Result, P: Any) -> _Result:
     inputs, outputs = signal_names(P)
     y, u = outputs[len(outputs) - result.lti.n_inputs :], inputs[len(inputs) - result.lti.n_outputs :]
     return replace(result, measured=all_or_none(y), controls=all_or_none(u))
+
+
+@contextmanager
+def tell_by_names(P: Any, n_meas: int, n_con: int) -> Iterator[None]:
+    """Let errors of a synthesis name controls and measurements as the generalised plant does, where it does."""
+    inputs, outputs = signal_names(P)
+    known = {"control": inputs[len(inputs) - n_con :], "measurement": outputs[len(outputs) - n_meas :]}
+
+    def named(found: re.Match[str]) -> str:
+        names = all_or_none(known[found[1]])
+        return f"{found[1]} '{names[int(found[2]) - 1]}'" if names else found[0]
+
+    try:
+        yield
+    except DesignError as error:
+        raise type(error)(re.sub(r"\b(control|measurement) (\d+)", named, str(error))) from None

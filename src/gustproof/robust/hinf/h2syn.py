@@ -7,7 +7,7 @@ import scipy
 
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.channels import PlantUnits, solve_in_best_units
-from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names
+from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names, tell_by_names
 from gustproof.robust.hinf.conditions import normalize, require_sizes
 from gustproof.robust.hinf.regularization import solve_or_regularize
 from gustproof.robust.hinf.riccati_half import riccati_data, solve_riccati
@@ -82,7 +82,8 @@ def h2syn(P: LinearSystem, n_meas: int, n_con: int, *, regularize: bool = False)
     if not plant.dt and np.any(plant.D[:-n_meas, :-n_con]):
         raise DesignError("D11 is not 0: white noise passes from w to z, and the H2 norm is infinite")
     try:
-        return keep_names(_solve_plant(plant, (n_meas, n_con), regularize=regularize), P)
+        with tell_by_names(P, n_meas, n_con):
+            return keep_names(_solve_plant(plant, (n_meas, n_con), regularize=regularize), P)
     except ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 

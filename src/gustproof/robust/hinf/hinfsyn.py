@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dgeev
 
 from gustproof.errors import DesignError
 from gustproof.robust.hinf.channels import PlantUnits, solve_in_best_units
-from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names
+from gustproof.robust.hinf.checked_controller import ROUNDING_ERRORS, CheckedController, keep_names, tell_by_names
 from gustproof.robust.hinf.closed_loop import loop_norm
 from gustproof.robust.hinf.conditions import NormalizedPlant, normalize, require_sizes
 from gustproof.robust.hinf.discrete_image import continuous_image, discrete_original
@@ -149,7 +149,8 @@ def hinfsyn(
     require_sizes(plant, n_meas, n_con)
     design = _Design(plant=plant, n_meas=n_meas, n_con=n_con, gamma=gamma, backoff=backoff)
     try:
-        return keep_names(design.solve(regularize=regularize), P)
+        with tell_by_names(P, n_meas, n_con):
+            return keep_names(design.solve(regularize=regularize), P)
     except ROUNDING_ERRORS as error:
         raise DesignError(f"the plant is too badly scaled to solve: {error}") from None
 

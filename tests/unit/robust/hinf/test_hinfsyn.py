@@ -10,6 +10,7 @@ import pytest
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.design.designs import Weight, design_problem, load_design
 from gustproof.errors import DesignError
+from gustproof.robust.hinf.h2syn import h2syn
 from gustproof.robust.hinf.hinfsyn import hinfsyn
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import Lti, as_lti, gain, lft
@@ -348,3 +349,18 @@ def test_regularisation_does_not_help_a_plant_that_cannot_be_stabilised():
     P = Lti(A=[[1.0]], B=[[1.0, 0.0, 0.0]], C=LAG["C"], D=np.zeros((3, 3)))
     with pytest.raises(DesignError, match="not stabilisable by u"):
         hinfsyn(P, 1, 1, regularize=True)
+
+
+@pytest.mark.parametrize(
+    ("D", "message"),
+    [
+        ([[0, 0, 0], [0, 0.1, 0]], "control 'fin' is not weighted"),
+        ([[0, 0, 0.1], [0, 0, 0]], "measurement 'yaw' has no"),
+    ],
+)
+def test_a_cause_is_told_by_the_names_of_the_signals(D, message):
+    names = {"inputs": ["gust", "noise", "fin"], "outputs": ["z", "yaw"]}
+    P = control.ss(-1.0, [[1.0, 0.0, 1.0]], [[1.0], [1.0]], D, **names)
+    for synthesis in (hinfsyn, h2syn):
+        with pytest.raises(DesignError, match=message):
+            synthesis(P, 1, 1)
