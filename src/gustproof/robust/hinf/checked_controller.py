@@ -81,11 +81,11 @@ def tell_by_names(P: Any, n_meas: int, n_con: int) -> Iterator[None]:
     inputs, outputs = signal_names(P)
     known = {"control": inputs[len(inputs) - n_con :], "measurement": outputs[len(outputs) - n_meas :]}
 
-    def named(found: re.Match[str]) -> str:
+    def name(found: re.Match[str]) -> str:
         names = all_or_none(known[found[1]])
         return f"{found[1]} '{names[int(found[2]) - 1]}'" if names else found[0]
 
     try:
         yield
     except DesignError as error:
-        raise type(error)(re.sub(r"\b(control|measurement) (\d+)", named, str(error))) from None
+        raise type(error)(re.sub(r"\b(control|measurement) (\d+)", name, str(error))) from None
