@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from gustproof.studies.wind_limit.real_flights import RealFlight
     from gustproof.studies.wind_limit.wind_limit import WindLimit
 
-_LEAST_RISK = 1e-4
+_LEAST_RISK = 1e-8
 
 
 class _Asked(NamedTuple):
@@ -75,7 +75,11 @@ def wind_limit(
         str, typer.Option(help="What a minute must keep: tilt, error, yaw, rmse [deg], drift [m], saturated [%].")
     ] = "tilt<35, saturated<1 %",
     risk: Annotated[
-        float, typer.Option(callback=in_range(_LEAST_RISK, 0.3), help="Accepted probability that a minute breaks it.")
+        float,
+        typer.Option(
+            callback=in_range(_LEAST_RISK, 0.3),
+            help="Accepted probability that a minute breaks it; small ones take long.",
+        ),
     ] = 1e-3,
     build: Build = "",
     workers: Workers = None,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from rich.text import Text
 
 from gustproof.show.report.terminal import Renderable
-from gustproof.studies.wind_limit.speed_search import CONFIDENCE
+from gustproof.studies.wind_limit.speed_search import CONFIDENCE, RARE
 from gustproof.studies.wind_limit.wind_limit import LEAST, MOST, WindLimit
 
 
@@ -40,7 +40,8 @@ def describe_limit(found: WindLimit) -> Iterator[str]:
         yield f"proved: nothing; {proved.note}"
     if found.causes:
         causes = [f"{word} ({100.0 * share:.0f} % of failures)" for word, share in found.causes]
-        yield f"limited by: {', then '.join(causes)}, just above the limit"
+        where = "just above the limit" if found.risk >= RARE else "where about half of them fail"
+        yield f"limited by: {', then '.join(causes)}, {where}"
 
 
 def describe_wind(found: WindLimit) -> str:
@@ -53,7 +54,8 @@ def describe_wind(found: WindLimit) -> str:
     ends = [f"shown to stand {limit.low:.3g}"] * (limit.low is not None)
     ends += [f"shown to fail at {limit.high:.3g}"] * (limit.high is not None)
     source = f", from {found.from_deg:g} deg" if found.holds_place else ""
-    told = f"{', '.join(ends) or 'neither side is shown'}, {100.0 * CONFIDENCE:g} %; {risk}{source}"
+    counted = "" if found.risk >= RARE else " by subset simulation"
+    told = f"{', '.join(ends) or 'neither side is shown'}, {100.0 * CONFIDENCE:g} %{counted}; {risk}{source}"
     best = f"up to {limit.best:.3g} m/s at 20 ft" if math.isfinite(limit.best) else "the limit is not enclosed"
     return f"{best} ({told}; {limit.flights:,} flights)"
 

@@ -45,7 +45,7 @@ def mean(values: Array) -> IntervalEstimate:
     return IntervalEstimate(value, value - half, value + half)
 
 
-def positive_mean(values: Array) -> IntervalEstimate:
+def positive_mean(values: Array, confidence: float = CONFIDENCE) -> IntervalEstimate:
     """Return the mean of independent estimates `values` (n,), each a product of many shares, and its interval.
 
     A few large ones among such products make most of their mean, and a small sample lacks those: Student's interval
@@ -66,7 +66,7 @@ def positive_mean(values: Array) -> IntervalEstimate:
     by_mean = sum(c * (8 - 2 * j) * m ** (7 - 2 * j) * v**j for j, c in enumerate(_EIGHTH_MOMENT[:-1]))
     by_variance = sum(c * j * m ** (8 - 2 * j) * v ** (j - 1) for j, c in enumerate(_EIGHTH_MOMENT) if j)
     error = math.sqrt(by_mean**2 * v / n + by_variance**2 * 2.0 * v**2 / (n - 1)) / moment
-    spread = math.exp(float(scipy.special.stdtrit(n - 1, 1.0 - _TAIL)) * error)
+    spread = math.exp(float(scipy.special.stdtrit(n - 1, 0.5 * (1.0 + confidence))) * error)
     return IntervalEstimate(value, min(moment / spread, value), max(moment * spread, value))
 
 

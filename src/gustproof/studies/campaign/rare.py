@@ -24,7 +24,7 @@ import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from firmware_model.config.scenario import NoiseRotation
 from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
-from gustproof.flight.routes.batch import Case, make_batch_simulator
+from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
 from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.flight.routes.kernels import LANES
 from gustproof.studies.campaign.executors import Pool
@@ -56,6 +56,25 @@ _STREAM = 7  # of random numbers; a campaign uses 4 to 6
 _HITS = 5
 
 
+class Event(Protocol):
+    """Event in a flight: a value of it above a limit."""
+
+    @property
+    def figure(self) -> str:
+        """Name of the value."""
+
+    @property
+    def limit(self) -> float:
+        """[unit of the figure]."""
+
+    @property
+    def text(self) -> str:
+        """The event in words."""
+
+    def value(self, result: CaseResult) -> float:
+        """Return the value of a flight [unit of the figure]; NaN if it diverged."""
+
+
 class Threshold(NamedTuple):
     """Event in a flight: a figure above a limit."""
 
@@ -68,6 +87,10 @@ class Threshold(NamedTuple):
     def text(self) -> str:
         """The event as it is written on the command line."""
         return f"{self.figure} > {self.limit:g}"
+
+    def value(self, result: CaseResult) -> float:
+        """Return the figure of a flight."""
+        return float(getattr(result.metrics, self.figure))
 
 
 class Level(NamedTuple):
@@ -109,7 +132,7 @@ class RareEstimate:
 
     law: str
     """Name of the law."""
-    event: Threshold
+    event: Event
     """Event."""
     probability: IntervalEstimate
     """[-] with its interval."""
@@ -176,16 +199,19 @@ def parse_threshold(text: str) -> Threshold:
 
 def estimate_rare(
     campaign: Campaign,
-    event: Threshold,
+    event: Event,
     pool: Pool,
     *,
+    confidence: float = CONFIDENCE,
+    least: float = LEAST,
     progress: Callable[[float], None] | None = None,
 ) -> RareEstimate:
     """Return the probability of `event` in one flight of the campaign's law, with dispersions drawn as in a campaign.
 
     The campaign's number of cases is that of first flights, shared by `ENSEMBLES` ensembles of whole batches. A flight
     that diverges counts as one above any limit; one with dispersions that no vehicle can have, as one below. The same
-    campaign gives the same estimate to the bit, on any pool. `progress` receives the share done, 0..1.
+    campaign gives the same estimate to the bit, on any pool. `confidence` [-] is that of the interval. An event less
+    likely than `least` [-] counts as never. `progress` receives the share done, 0..1.
 
     Raises
     ------
@@ -197,13 +223,13 @@ def estimate_rare(
     _check_campaign(campaign)
     shown, metadata = progress or (lambda _: None), json.dumps(campaign.metadata())
     try:
-        levels, reached, flights = pool.submit(choose_levels, metadata, event).result()
+        levels, reached, flights = pool.submit(choose_levels, metadata, event, least).result()
         shown(1.0 / (1 + ENSEMBLES))
         results = [] if reached else _pass_all(metadata, event, levels, pool, shown)
     except pool.death_errors:
         raise FlightError("a worker died: out of memory, or installed differently") from None
     if results:
-        found = positive_mean(np.array([result.probability for result in results]))
+        found = positive_mean(np.array([result.probability for result in results]), confidence)
     else:  # the search for levels ended below the limit: no flight was above the last of them
         found = IntervalEstimate(0.0, 0.0, reached)
     return RareEstimate(
@@ -228,7 +254,7 @@ def _check_campaign(campaign: Campaign) -> None:
 
 
 def _pass_all(
-    metadata: str, event: Threshold, levels: Sequence[Level], pool: Pool, shown: Callable[[float], None]
+    metadata: str, event: Event, levels: Sequence[Level], pool: Pool, shown: Callable[[float], None]
 ) -> list[EnsembleResult]:
     """Pass the levels with each ensemble on the pool; return the results in the order of the ensembles."""
     waiting, running, done = list(range(ENSEMBLES)), dict[Future[EnsembleResult], int](), dict[int, EnsembleResult]()
@@ -242,17 +268,17 @@ def _pass_all(
     return [done[number] for number in range(ENSEMBLES)]
 
 
-def choose_levels(metadata: str, event: Threshold) -> tuple[list[Level], float, int]:
+def choose_levels(metadata: str, event: Event, least: float) -> tuple[list[Level], float, int]:
     """Return levels up to `event`, each passed by a quarter of those above the one before, and the flights flown.
 
     The second number is 0 if the levels lead to the event. Else no level leads on, or the event is less likely than
-    `LEAST`; the number is a rough upper bound of its probability.
+    `least`; the number is a rough upper bound of its probability.
     """
     ensemble = _Ensemble(load_campaign(metadata), event, ENSEMBLES)
     levels: list[Level] = []
     share, angle, n = 1.0, _FIRST_ANGLE, len(ensemble.values)
     while (floor := _next_level(ensemble.values)) < event.limit:
-        if floor == -math.inf or share < LEAST:
+        if floor == -math.inf or share < least:
             return levels, share * proportion(0, n).high, ensemble.flights
         levels.append(Level(floor, angle))
         share *= float(np.mean(ensemble.values > floor))
@@ -271,7 +297,7 @@ def _next_level(values: Array) -> float:
     return float(below[-1]) if len(below) else -math.inf
 
 
-def pass_levels(metadata: str, event: Threshold, levels: Sequence[Level], number: int) -> EnsembleResult:
+def pass_levels(metadata: str, event: Event, levels: Sequence[Level], number: int) -> EnsembleResult:
     """Return the result of the ensemble of a number on some levels."""
     ensemble = _Ensemble(load_campaign(metadata), event, number)
     probability = 1.0
@@ -298,7 +324,7 @@ class _Draw(NamedTuple):
 class _Ensemble:
     """Flights of one ensemble, its random numbers, and the count of its flights."""
 
-    def __init__(self, campaign: Campaign, event: Threshold, number: int) -> None:
+    def __init__(self, campaign: Campaign, event: Event, number: int) -> None:
         law = trust(campaign.laws[0])
         if isinstance(law, ExternalAutopilot):
             raise TypeError(law)
@@ -358,7 +384,7 @@ class _Ensemble:
                 continue
         with np.errstate(all="ignore"):  # a flight that diverges is a result
             results = self._simulate(list(cases.values()))
-        values[list(cases)] = [getattr(result.metrics, self._event.figure) for result in results]
+        values[list(cases)] = [self._event.value(result) for result in results]
         return np.where(np.isnan(values), math.inf, values)
 
     def _deltas(self, draw: _Draw) -> tuple[float, ...]:

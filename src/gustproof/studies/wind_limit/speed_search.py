@@ -5,6 +5,9 @@ a mean of likelihood ratios of a Bernoulli process, a nonnegative supermartingal
 be read after each batch, and is wrong at most with its share of the whole error (Ville's inequality). Speeds are chosen
 by a normal distribution of the logarithm of the speed at which a flight fails. A bad choice costs flights, not truth.
 
+Failures of a risk below `RARE` can't be counted: their probability is estimated, see `studies.campaign.rare`. Its
+interval shows on which side of the risk it is; all estimates of a search share the error.
+
 References
 ----------
 A. Wald, Sequential Tests of Statistical Hypotheses, Annals of Mathematical Statistics 16, 1945.
@@ -16,12 +19,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
+from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.types import Array
 
 CONFIDENCE = 0.95
@@ -35,6 +40,12 @@ _SCOUTS, _BATCH, _LARGEST = 64, 256, 2048  # flights at each speed of a scouting
 _NEAR = 1.12  # [-] ratio of speeds at which scouting ends
 _LOWER = 0.85  # [-] of the least speed that was tested, where the fit leads no further
 _CLOSE = 1.05  # [-] ratio of the ends at which the search ends
+RARE = 1e-4
+"""[-] risk below which the probability of a failure is estimated, not counted."""
+_ESTIMATES = 8  # most of a search
+ESTIMATE_CONFIDENCE = 1.0 - 2.0 * (1.0 - CONFIDENCE) / _ESTIMATES
+"""[-] of the interval of each: it may be wrong about one side of the risk alone."""
+_STEP, _NEVER = 1.5, 1e-12  # [-] largest ratio of a speed to those flown; probability that stands for none
 _VAIN, _LEVEL = 8.0, 1.35  # expected failures that end a test whose share is within this factor of the risk
 
 
@@ -46,8 +57,17 @@ class SpeedTrial:
     """[m/s]."""
     flights: int
     """Number of flights."""
-    failures: int
-    """Number that failed."""
+    probability: float
+    """[-] share of them that failed, or its estimate."""
+
+
+class SpeedEstimate(NamedTuple):
+    """Estimated probability of a failure at one speed."""
+
+    probability: IntervalEstimate
+    """[-] with an interval of `ESTIMATE_CONFIDENCE`."""
+    flights: int
+    """Number of flights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +110,11 @@ class _Search:
     def flown(self) -> int:
         """Number of all flights."""
         return sum(flown for flown, _ in self.counts.values())
+
+    @property
+    def trials(self) -> tuple[SpeedTrial, ...]:
+        """All flights at each speed, ascending."""
+        return tuple(SpeedTrial(speed=v, flights=n, probability=k / n) for v, (n, k) in sorted(self.counts.items()))
 
     @property
     def low(self) -> float | None:
@@ -226,6 +251,79 @@ def find_speed_limit(
             break
         apart *= _WIDER if search.test(speed, most_flights) is None else 1.0
     low, high = search.low, search.high
-    trials = [SpeedTrial(speed=v, flights=n, failures=k) for v, (n, k) in sorted(search.counts.items())]
     best = math.nan if low is None or high is None else min(max(search.guess(risk), low), high)
-    return SpeedLimit(low=low, high=high, best=best, trials=tuple(trials))
+    return SpeedLimit(low=low, high=high, best=best, trials=search.trials)
+
+
+def find_rare_limit(
+    fails: Callable[[float, int, int], int],
+    estimate: Callable[[float], SpeedEstimate],
+    *,
+    risk: float,
+    least: float,
+    most: float,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> SpeedLimit:
+    """Return the speed between `least` and `most` [m/s] at which the probability of a failure is a `risk` below `RARE`.
+
+    `fails` is as of `find_speed_limit`, and `estimate` returns the probability at a speed [m/s].
+    """
+    search, apart, known = _Search(fails, risk, least, most, progress), _APART, dict[float, SpeedEstimate]()
+    search.scout()
+    for share in (0.1, 0.01):
+        search.fly(search.guess(share), _LARGEST)
+    tail = _Tail(risk, known, math.log(search.guess(0.5) / search.guess(norm.cdf(-1.0))))
+    speed = search.guess(risk / apart)
+    while len(known) < _ESTIMATES and speed not in known:
+        known[speed] = estimate(speed)
+        found = known[speed].probability
+        progress(
+            f"{speed:.2f} m/s: a flight fails with probability {found.value:.2g} ({found.low:.2g} to {found.high:.2g})"
+        )
+        apart *= 1.0 if found.high < risk or found.low > risk else _WIDER
+        if tail.low is None or tail.high is None:
+            speed = min(max(tail.speed(risk / apart if tail.low is None else risk * apart), least), most)
+    estimates = [
+        SpeedTrial(speed=v, flights=each.flights, probability=each.probability.value) for v, each in known.items()
+    ]
+    trials = sorted([*search.trials, *estimates], key=lambda trial: trial.speed)
+    return SpeedLimit(low=tail.low, high=tail.high, best=tail.best, trials=tuple(trials))
+
+
+@dataclass
+class _Tail:
+    """Estimates at some speeds; between them the speed's logarithm is linear in the probability's normal deviate."""
+
+    risk: float
+    """[-] accepted probability of a failure."""
+    known: dict[float, SpeedEstimate]
+    """Estimate at each speed [m/s]."""
+    spread: float
+    """[-] change of the logarithm with the deviate, where fewer than two speeds tell it."""
+
+    @property
+    def low(self) -> float | None:
+        """Largest speed [m/s] at which the probability is shown to be below the risk."""
+        return max((speed for speed, each in self.known.items() if each.probability.high < self.risk), default=None)
+
+    @property
+    def high(self) -> float | None:
+        """Least speed [m/s] at which it is shown to be above."""
+        return min((speed for speed, each in self.known.items() if each.probability.low > self.risk), default=None)
+
+    @property
+    def best(self) -> float:
+        """Estimate [m/s] of the speed of the risk; NaN without an end on each side."""
+        low, high = self.low, self.high
+        return math.nan if low is None or high is None else min(max(self.speed(self.risk), low), high)
+
+    def speed(self, probability: float) -> float:
+        """Return the speed [m/s] of a probability, no further than `_STEP` from those known."""
+        z = {speed: float(norm.ppf(max(each.probability.value, _NEVER))) for speed, each in self.known.items()}
+        aim = float(norm.ppf(probability))
+        nearest = sorted(z, key=lambda speed: abs(z[speed] - aim))[:2]
+        spread = self.spread
+        if len(nearest) == 2 and abs(z[nearest[0]] - z[nearest[1]]) > 0.1:
+            spread = math.log(nearest[0] / nearest[1]) / (z[nearest[0]] - z[nearest[1]])
+        speed = nearest[0] * math.exp(max(spread, 0.1 * self.spread) * (aim - z[nearest[0]]))
+        return min(max(speed, min(z) / _STEP), max(z) * _STEP)

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,17 +17,27 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.errors import ConfigError
 from firmware_model.types import Vector
 from gustproof.errors import FlightError
-from gustproof.flight.routes.batch import Case, make_batch_simulator
+from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
 from gustproof.flight.routes.kernels import LANES
 from gustproof.law.form import Law
 from gustproof.prove.boundedness import certify_made
 from gustproof.studies.campaign.executors import Pool
+from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.plan import Campaign, DispersionKind, select_spreads, usual_dispersions
+from gustproof.studies.campaign.rare import estimate_rare
 from gustproof.studies.campaign.worker import load_campaign
 from gustproof.studies.rate.plant_box import plant_box
 from gustproof.studies.wind_limit.kept import MINUTE_S, Kept, needs_place, shares
 from gustproof.studies.wind_limit.place import PlaceLoop, find_place_loop
-from gustproof.studies.wind_limit.speed_search import SpeedLimit, find_speed_limit, scout_speed
+from gustproof.studies.wind_limit.speed_search import (
+    ESTIMATE_CONFIDENCE,
+    RARE,
+    SpeedEstimate,
+    SpeedLimit,
+    find_rare_limit,
+    find_speed_limit,
+    scout_speed,
+)
 from gustproof.studies.wind_limit.wind_flight import (
     find_tilt,
     gust_scenario,
@@ -55,7 +65,25 @@ _PROOFS = 8  # tries for a wind whose tilt is within its limit
 _AROUND, _HALVINGS = 1.6, 4  # [-] most that a direction's wind differs from the middle; to within 3 %
 _MAP = tuple(0.28 * k for k in range(6))
 _NAMES = ("the front", "front right", "the right", "back right", "the back", "back left", "the left", "front left")
+_FIRST, _FAR = 1000, 0.01  # flights of each level of an estimate; [-] of the risk, below which it ends
 Progress = Callable[[float, str], None]
+
+
+class Broken(NamedTuple):
+    """Event of a flight that breaks a requirement, see `studies.campaign.rare`."""
+
+    kept: tuple[Kept, ...]
+    """Requirements."""
+    limit: float = 1.0
+    """[-]."""
+    figure: str = "largest figure over its limit"
+    """Name of the value."""
+    text: str = "a requirement is broken"
+    """The event in words."""
+
+    def value(self, result: CaseResult) -> float:
+        """Return the largest figure of a flight over its limit [-]."""
+        return max(shares(self.kept, result))
 
 
 class GustLimit(NamedTuple):
@@ -204,7 +232,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
     def tell(text: str) -> None:
         progress(0.1 + 0.6 * (1.0 - 0.97 ** next(told)), text)
 
-    limit = find_speed_limit(partial(study.failures, worst), risk=risk, least=LEAST, most=MOST, progress=tell)
+    limit = study.find_limit(worst, risk, tell)
     progress(0.75, "gusts")
     gusts, lengths = study.find_gusts()
     progress(0.8, "proof")
@@ -225,7 +253,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         directions=around,
         direction_speed=middle,
         halves=study.find_halves(middle) if with_map else (),
-        causes=study.find_causes(worst, limit.high, risk),
+        causes=study.find_causes(worst, middle if risk < RARE else limit.high, max(risk, RARE)),
         gusts=gusts,
         lengths=lengths,
         proved=proved,
@@ -282,6 +310,35 @@ class _Study:
         """Return how many of `count` flights in a wind fail; all if no tilt holds the place."""
         script = self.script(speed, from_deg)
         return count if script is None else int(np.sum(self._fly(script, first, count).max(axis=1) > 1.0))
+
+    def find_limit(self, from_deg: float, risk: float, tell: Callable[[str], None]) -> SpeedLimit:
+        """Return the wind from a bearing [deg] at which the probability of a failure is `risk` [-]."""
+        fails = partial(self.failures, from_deg)
+        if risk < RARE:
+            estimate = partial(self.estimate, from_deg, least=_FAR * risk, tell=tell)
+            return find_rare_limit(fails, estimate, risk=risk, least=LEAST, most=MOST, progress=tell)
+        return find_speed_limit(fails, risk=risk, least=LEAST, most=MOST, progress=tell)
+
+    def estimate(
+        self, from_deg: float, speed: float, least: float = 0.0, tell: Callable[[str], None] = lambda _text: None
+    ) -> SpeedEstimate:
+        """Return the probability of a failure in a wind [m/s], level by level, 1 if no tilt holds the place.
+
+        It is 0, with a bound, if it is less than `least`.
+        """
+        script = self.script(speed, from_deg)
+        if script is None:
+            return SpeedEstimate(IntervalEstimate(1.0, 1.0, 1.0), 0)
+        campaign = replace(self._campaign(script), cases=_FIRST)
+        found = estimate_rare(
+            campaign,
+            Broken(self.kept),
+            self._pool,
+            confidence=ESTIMATE_CONFIDENCE,
+            least=least,
+            progress=lambda share: tell(f"{speed:.2f} m/s, level by level: {100.0 * share:.0f} %"),
+        )
+        return SpeedEstimate(found.probability, found.flights)
 
     def load(self, from_deg: float, speed: float) -> float:
         """Return the median of the largest figure over its limit [-] in a wind; infinite if no tilt holds the place."""

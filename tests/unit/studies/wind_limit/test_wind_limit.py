@@ -197,6 +197,28 @@ def test_other_flights_agree_with_both_ends_of_a_drift(monkeypatch) -> None:
         assert bool(failed < RISK) is is_within
 
 
+@pytest.mark.slow
+def test_a_probability_level_by_level_is_that_of_counted_flights(monkeypatch) -> None:
+    for module in (kept_words, wind_flight, study):
+        monkeypatch.setattr(module, "MINUTE_S", 2.0)
+    monkeypatch.setattr(wind_flight, "SETTLE_S", 2.0)
+    with Pool(1) as pool:
+        flights = _Study(load_law("hinf-d2"), load_vehicle_set("paper"), AIR, parse_keep("tilt<1.2"), pool, 1)
+        found, counted = flights.estimate(0.0, 8.0).probability, flights.failures(0.0, 8.0, 0, 4096) / 4096
+        tilted = _Study(load_law("flagship"), load_vehicle_set("paper"), AIR, parse_keep("tilt<1"), pool, 1)
+        assert tilted.estimate(0.0, 200.0).probability == (1.0, 1.0, 1.0)  # no tilt holds the place
+    assert 0.005 < counted < 0.05
+    assert found.low < counted + 3.0 * math.sqrt(counted / 4096)
+    assert found.high > counted - 3.0 * math.sqrt(counted / 4096)
+    assert found.high < 3.0 * found.low
+
+
+def test_a_small_risk_is_told_with_how_it_was_found() -> None:
+    lines = list(describe_limit(replace(found(), risk=1e-6)))
+    assert "95 % by subset simulation; risk 1e-06 a minute" in lines[0]
+    assert lines[-1].endswith("where about half of them fail")
+
+
 def test_what_no_log_shows_is_said_of_a_vehicle_from_one() -> None:
     said = "drag and gust moment"
     assert said in list(describe_limit(replace(found(), is_from_log=True)))[1]

@@ -68,7 +68,7 @@ def _shade(share: float) -> str:
 
 def _charts(found: WindLimit) -> Iterator[ChartGroup]:
     limit = found.turbulence
-    trials = [(trial.speed, 100.0 * trial.failures / trial.flights) for trial in limit.trials]
+    trials = [(trial.speed, 100.0 * trial.probability) for trial in limit.trials]
     marks = (Mark(label=f"risk {100.0 * found.risk:g} %", y=100.0 * found.risk),)
     probability = _chart("flights that fail [%]", "wind at 20 ft [m/s]", trials, marks)
     loads = [*found.directions, (360.0, found.directions[0][1])]
