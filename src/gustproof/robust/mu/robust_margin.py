@@ -97,7 +97,7 @@ def robgain(system: Uncertain, gamma: float, *, accuracy: float = 0.005, boxes: 
     system = as_uncertain(system)
     require_gain(system)
     if not (math.isfinite(gamma) and gamma > 0.0):
-        raise ValueError(f"gamma is {gamma!r}, must be positive")
+        raise ValueError(f"gamma is {gamma!r}, must be positive and finite")
     require_stable(to_continuous(system))
     nominal = hinf_norm(system.nominal_system())
 
