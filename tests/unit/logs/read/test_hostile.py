@@ -117,7 +117,7 @@ def own_bag(folder: Path) -> bytes:
         ("a.pdf", b"%PDF-1.7", "no flight log that is known"),
         ("a.toml", b"duration_s = 1.0", "is a scenario file: give it as the scenario"),
         ("a.ulg", b"ULog\x01\x12\x35\x01", "no gyro in it"),
-        ("a.bin", b"\xa3\x95\x80", "no gyro in it"),
+        ("a.bin", b"\xa3\x95\x80", "no gyro in it; file: it ends within a message, 3 bytes"),
         ("log00", b"\xbc", "its checksum is wrong"),
         ("a.mcap", b"\x89MCAP0\r\n", "not an MCAP file"),
         ("a.csv", b"\xff\xfe\x00\x01", "not a CSV"),
