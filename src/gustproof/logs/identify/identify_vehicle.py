@@ -64,6 +64,7 @@ _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise i
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _FILLED_SPREAD = 1.3  # spread of real errors with commands that are filled in by that of the replicates, by simulation
+_GUESSED_SPREAD = 1.65  # the same where the gyro tells less of them than `_GUESSED`, as in ArduPilot's default logs
 _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and delay of 50 Hz are 6 ms off
 _LEAST_LAG = 0.00025  # [s] that stands for none
 _LEAST_SHAKEN = 1e-4  # [rad/s^2] of a disturbance: below it the fit has found none
@@ -209,8 +210,13 @@ def _identify(log: FlightLog, tell: Callable[[float], None], slow: str, filled: 
         if filled is not None:
             axis.filled = filled.shares[axis.data.axis]
             middle = np.median(axis.replicates, axis=0)
-            axis.replicates = middle + _FILLED_SPREAD * (axis.replicates - middle)
+            axis.replicates = middle + _widening(axis.filled) * (axis.replicates - middle)
     return _collect(log, command, axes, slow, 0.0 if filled is None else filled.step)
+
+
+def _widening(share: float) -> float:
+    """Return the factor [-] on the spread of replicates, of commands of which the gyro tells a `share` [-]."""
+    return _FILLED_SPREAD if share >= _GUESSED else _GUESSED_SPREAD
 
 
 def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:

@@ -116,7 +116,7 @@ def assemble(draft: Draft) -> FlightLog:
         If there is no gyro, or a vector has not three components.
     """
     findings = list(draft.findings)
-    _check_shapes(draft.rows, next((f"; {line}" for line in findings if line.startswith("file: ")), ""))
+    _check_shapes(draft.rows, findings)
     begin, end = longest_piece(draft.rows["gyro"], findings)
     gyro = _sound("gyro", _cut(draft.rows["gyro"], begin, end), findings)
     others = {name: _cut(rows, begin, end) for name, rows in draft.rows.items() if name != "gyro"}
@@ -159,9 +159,10 @@ def _notches(
     return found
 
 
-def _check_shapes(signals: Mapping[str, Rows], damage: str) -> None:
+def _check_shapes(signals: Mapping[str, Rows], findings: Sequence[str]) -> None:
     if "gyro" not in signals or len(signals["gyro"].time_us) == 0:
-        raise ValueError(f"no gyro in it{damage}")
+        damage = [line for line in findings if line.startswith("file: ")]
+        raise ValueError("; ".join(["no gyro in it", *damage]))
     for name, rows in signals.items():
         if name != "motors" and rows.values.shape[1] != 3:
             raise ValueError(f"{name} has {rows.values.shape[1]} components, must have 3")
