@@ -294,7 +294,8 @@ def _stretches(time: Array, in_air: NDArray[np.bool_], end: float) -> tuple[tupl
         if merged and begin - merged[-1][1] < _SHORTEST_S:
             begin = merged.pop()[0]
         merged.append((max(begin, 0.0), stop))
-    return tuple((begin, stop) for begin, stop in merged if stop - begin >= _SHORTEST_S)
+    ends = [(begin, min(stop, end)) for begin, stop in merged]  # the gyro may end before the states
+    return tuple((begin, stop) for begin, stop in ends if stop - begin >= _SHORTEST_S)
 
 
 def fastest(sources: Sequence[Rows]) -> Rows:

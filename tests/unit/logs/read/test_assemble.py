@@ -164,6 +164,8 @@ def test_assemble_takes_the_stretches_that_the_log_tells() -> None:
     assert assemble(told).airborne[0] == pytest.approx((1.0, 2.5), abs=1.0)
     told.in_air = rows(np.array([0.0, 3.4]), np.array([0.0, 1.0]), position=np.array([0, 1700]))
     assert assemble(told).airborne[0] == pytest.approx((3.4, 3.998))
+    told.in_air = rows(np.array([0.0, 1.0, 40.0]), np.array([0.0, 1.0, 0.0]), position=np.array([0, 500, 5000]))
+    assert assemble(told).airborne == (pytest.approx((1.0, 3.998)),)  # "8 s of log, 48 s in the air" was told
     told.in_air = rows(np.array([0.0]), np.array([0.0]))
     assert assemble(told).airborne == ()
     assert "airborne: never, by this log" in assemble(told).findings
