@@ -68,9 +68,10 @@ def central_law(
     Examples
     --------
     >>> import numpy as np
-    >>> from gustproof import Lti, Output, Provenance, central_law
+    >>> from control import ss
+    >>> from gustproof import Output, Provenance, central_law
     >>> I, O = np.eye(3), np.zeros((3, 3))
-    >>> K = Lti(A=np.block([[O, I], [-4.0 * I, -4.0 * I]]), B=np.vstack([O, I]), C=np.hstack([-I, -I]), D=O)
+    >>> K = ss(np.block([[O, I], [-4.0 * I, -4.0 * I]]), np.vstack([O, I]), np.hstack([-I, -I]), O)
     >>> law = central_law(
     ...     "mine", K, scheduled=False, dt=0.004, limits=np.array([1.0, 1.0, 0.5]), output=Output.TORQUE,
     ...     provenance=Provenance(design="by hand", vehicle="paper"),

@@ -20,7 +20,6 @@ from gustproof.robust.lti.balred import balred as balred
 from gustproof.robust.lti.margins import margins as margins
 from gustproof.robust.lti.norms import h2_norm as h2_norm
 from gustproof.robust.lti.norms import hinf_norm as hinf_norm
-from gustproof.robust.lti.state_space import Lti as Lti
 from gustproof.robust.mu.diskmargin import diskmargin as diskmargin
 from gustproof.robust.mu.mussv import mussv as mussv
 from gustproof.robust.mu.musyn import musyn as musyn

@@ -67,8 +67,9 @@ def certify_lft(
 
     Examples
     --------
-    >>> from gustproof import Delay, Lti, Uncertain, certify_lft, ultidyn
-    >>> M = Lti(A=[[-3.0]], B=[[-2.0, 1.0]], C=[[1.0], [1.0]], D=[[0.0, 0.0], [0.0, 0.0]])
+    >>> from control import ss
+    >>> from gustproof import Delay, Uncertain, certify_lft, ultidyn
+    >>> M = ss(-3.0, [-2.0, 1.0], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]])
     >>> loop = Uncertain(M=M, blocks=ultidyn("late").blocks)  # x' = -x - 2 x(t - theta) + w, z = x
     >>> certificate = certify_lft(loop, assumes={"plant": "a lag"}, parts={"late": Delay(largest=0.5)})
     >>> f"{certificate.lower_bound:.2f} to {certificate.gain:.2f}, proven {certificate.proven}"

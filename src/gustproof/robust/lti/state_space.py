@@ -64,7 +64,7 @@ class Lti(Shown):
 
     Examples
     --------
-    >>> from gustproof import Lti
+    >>> from gustproof.robust.lti.state_space import Lti
     >>> lag = Lti(A=[[-2.0]], B=[[2.0]], C=[[1.0]], D=[[0.0]])
     >>> (lag.order, lag.is_stable())
     (1, True)

@@ -161,9 +161,10 @@ def musyn(
     Examples
     --------
     >>> import numpy as np
-    >>> from gustproof import Lti, musyn, ureal
+    >>> from control import ss
+    >>> from gustproof import musyn, ureal
     >>> gain = ureal("gain", range=(0.5, 1.5))
-    >>> lag = Lti(A=[[-0.1]], B=[[1.0, 0.0, 1.0]], C=[[1.0], [0.0], [1.0]], D=[[0, 0, 0], [0, 0, 0.2], [0, 0.1, 0]])
+    >>> lag = ss(-0.1, [1.0, 0.0, 1.0], [[1.0], [0.0], [1.0]], [[0, 0, 0], [0, 0, 0.2], [0, 0.1, 0]])
     >>> actuated = np.diag([1.0, 1.0, 0.0]) + np.diag([0.0, 0.0, 1.0])[:, 2:] @ gain @ np.array([[0.0, 0.0, 1.0]])
     >>> result = musyn(lag @ actuated, 1, 1, measure="l2gain", tolerance=0.05)
     >>> f"gain {result.lower:.2f} to {result.upper:.2f}, at the start {result.history[0].upper:.2f}"
