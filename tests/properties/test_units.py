@@ -173,4 +173,4 @@ def test_least_levels_do_not_change(seed):
     )
     expected, found = hinfsyn(P, 1, 1), hinfsyn(other, 1, 1)
     assert found.gamma_opt / factor == pytest.approx(expected.gamma_opt, rel=LEVEL)
-    assert hinf_norm(lft(other, found.controller)).gain < found.gamma
+    assert hinf_norm(lft(other, found.lti)).gain < found.gamma

@@ -21,7 +21,7 @@ ROUNDING = 1e-12
 
 def central(name: str) -> Lti:
     problem = design_problem(load_design(name), load_vehicle("paper"))
-    return hinfsyn(problem.plant(), 3, 3, gamma=load_design(name).gamma).controller
+    return hinfsyn(problem.plant(), 3, 3, gamma=load_design(name).gamma).lti
 
 
 def law_of(K: Lti, *, scheduled: bool, limit: float = 10.0) -> Law:

@@ -15,7 +15,6 @@ from control import sample_system, ss, tf
 
 from gustproof.robust import (
     Delay,
-    Lti,
     Sector,
     Slope,
     Uncertain,
@@ -184,7 +183,7 @@ def test_h2syn_has_the_controller_of_slicot_and_octave():
 def iqc_loop(system, sign: float) -> Uncertain:
     """Return the loop v = G (f + sign w) from f to v, in which w is what a part makes of v."""
     G = ss(system)
-    M = Lti(A=G.A, B=np.hstack([sign * G.B, G.B]), C=np.vstack([G.C, G.C]), D=np.zeros((2, 2)))
+    M = ss(G.A, np.hstack([sign * G.B, G.B]), np.vstack([G.C, G.C]), np.zeros((2, 2)))
     return Uncertain(M=M, blocks=ultidyn("w").blocks)
 
 

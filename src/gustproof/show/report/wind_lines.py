@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from rich.text import Text
 
 from gustproof.show.report.terminal import Renderable
-from gustproof.studies.wind_limit.speed_search import CONFIDENCE, RARE
+from gustproof.studies.wind_limit.speed_search import CONFIDENCE, RARE, SpeedLimit
 from gustproof.studies.wind_limit.wind_limit import LEAST, MOST, WindLimit
 
 
@@ -40,7 +40,7 @@ def describe_limit(found: WindLimit) -> Iterator[str]:
         yield f"proved: nothing; {proved.note}"
     if found.causes:
         causes = [f"{word} ({100.0 * share:.0f} % of failures)" for word, share in found.causes]
-        where = "just above the limit" if found.risk >= RARE else "where about half of them fail"
+        where = "just above the limit" if found.risk >= RARE else "where they are frequent"
         yield f"limited by: {', then '.join(causes)}, {where}"
 
 
@@ -51,13 +51,20 @@ def describe_wind(found: WindLimit) -> str:
         return f"none found: it stands {MOST:g} m/s at 20 ft ({risk})"
     if limit.high == LEAST:
         return f"it does not stand even {LEAST:g} m/s at 20 ft ({risk})"
-    ends = [f"shown to stand {limit.low:.3g}"] * (limit.low is not None)
-    ends += [f"shown to fail at {limit.high:.3g}"] * (limit.high is not None)
+    digits = _digits(limit)
+    ends = [f"shown to stand {limit.low:.{digits}g}"] * (limit.low is not None)
+    ends += [f"shown to fail at {limit.high:.{digits}g}"] * (limit.high is not None)
     source = f", from {found.from_deg:g} deg" if found.holds_place else ""
     counted = "" if found.risk >= RARE else " by subset simulation"
     told = f"{', '.join(ends) or 'neither side is shown'}, {100.0 * CONFIDENCE:g} %{counted}; {risk}{source}"
-    best = f"up to {limit.best:.3g} m/s at 20 ft" if math.isfinite(limit.best) else "the limit is not enclosed"
+    best = f"up to {limit.best:.{digits}g} m/s at 20 ft" if math.isfinite(limit.best) else "the limit is not enclosed"
     return f"{best} ({told}; {limit.flights:,} flights)"
+
+
+def _digits(limit: SpeedLimit) -> int:
+    """Return the digits, three or more, that tell the two ends apart."""
+    ends = limit.low, limit.high
+    return next((n for n in (3, 4, 5) if None not in ends and f"{ends[0]:.{n}g}" != f"{ends[1]:.{n}g}"), 3)
 
 
 def describe_gust(found: WindLimit) -> str:

@@ -45,6 +45,7 @@ RARE = 1e-4
 _ESTIMATES = 8  # most of a search
 ESTIMATE_CONFIDENCE = 1.0 - 2.0 * (1.0 - CONFIDENCE) / _ESTIMATES
 """[-] of the interval of each: it may be wrong about one side of the risk alone."""
+_OFTEN = 0.1  # [-]
 _STEP, _NEVER = 1.5, 1e-12  # [-] largest ratio of a speed to those flown; probability that stands for none
 _VAIN, _LEVEL = 8.0, 1.35  # expected failures that end a test whose share is within this factor of the risk
 
@@ -87,6 +88,11 @@ class SpeedLimit:
     def flights(self) -> int:
         """Number of all flights."""
         return sum(trial.flights for trial in self.trials)
+
+    @property
+    def often(self) -> float | None:
+        """Least speed [m/s] at which a tenth of the flights fail; `None` without one."""
+        return next((trial.speed for trial in self.trials if trial.probability >= _OFTEN), None)
 
 
 @dataclass

@@ -253,7 +253,7 @@ def _find(study: "_Study", risk: float, progress: Progress, *, with_map: bool) -
         directions=around,
         direction_speed=middle,
         halves=study.find_halves(middle) if with_map else (),
-        causes=study.find_causes(worst, middle if risk < RARE else limit.high, max(risk, RARE)),
+        causes=study.find_causes(worst, limit.often if risk < RARE else limit.high, max(risk, RARE)),
         gusts=gusts,
         lengths=lengths,
         proved=proved,
