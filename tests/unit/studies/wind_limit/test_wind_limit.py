@@ -33,10 +33,10 @@ KEEP = "error<0.6, saturated<1 %"
 
 @pytest.fixture(autouse=True, scope="module")
 def a_minute_is_short() -> Iterator[None]:
-    """Fly a quarter of a minute: what is tested does not depend on it."""
+    """Fly four seconds: what is tested does not depend on it."""
     with pytest.MonkeyPatch.context() as patch:
         for module in (kept_words, wind_flight, study):
-            patch.setattr(module, "MINUTE_S", 15.0)
+            patch.setattr(module, "MINUTE_S", 4.0)
         yield
 
 
