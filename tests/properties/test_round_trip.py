@@ -286,7 +286,7 @@ def judge(trip: Trip, tuning: AutopilotTuning, vehicles: VehicleSet, folder: Pat
         K.response(omega)[:, 0, 0] * plant.response(omega) for (K, *_), plant in zip(loops, case.axes, strict=True)
     ]
     trip.Ms = max(float(np.max(1.0 / np.abs(1.0 - each))) for each in returned)
-    still = np.zeros((12_000, 3))
+    still = np.zeros((24_000, 3))  # a minute: an axis that its log did not show keeps its gains, however slow
     rates, _ = fly(loops, list(case.axes), np.full_like(still, math.radians(10.0)), still, still)
     trip.rests = bool(np.all(np.abs(rates[-800:]).max(axis=0) < 0.02 * np.abs(rates).max(axis=0)))
 
