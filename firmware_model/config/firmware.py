@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_model.config.vehicle import GRAVITY, ON_BOARD, FullScale, Rotors, Vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 
 Parameters = dict[str, str]
 _SPIN_RANGE = (0.15, 0.95)  # ArduPilot's MOT_SPIN_MIN and MOT_SPIN_MAX by default: motor commands of thrust 0 and 1
@@ -140,6 +140,12 @@ def is_measured(vehicle: Vehicle) -> bool:
     return vehicle.command is not None and vehicle.command.full_scale is FullScale.MEASURED
 
 
+def guessed_axes(vehicle: Vehicle) -> tuple[int, ...]:
+    """Return the axes about which the torque is a guess: the vehicle's log measured that of others alone."""
+    unmeasured = vehicle.command.unmeasured if is_measured(vehicle) and vehicle.command else ()
+    return tuple(AXES.index(axis) for axis in unmeasured)
+
+
 def check_measured(vehicle: Vehicle) -> None:
     """Refuse a vehicle whose torque in yaw is a guess; roll and pitch have each other's measure.
 
@@ -148,7 +154,7 @@ def check_measured(vehicle: Vehicle) -> None:
     ConfigError
         If its log did not excite yaw.
     """
-    if is_measured(vehicle) and vehicle.command and "yaw" in vehicle.command.unmeasured:
+    if AXES.index("yaw") in guessed_axes(vehicle):
         raise ConfigError(
             f"vehicle '{vehicle.name}': its log did not excite yaw, so what a command of yaw gives is a guess: fly "
             "steps of yaw, and identify it again"

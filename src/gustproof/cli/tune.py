@@ -186,8 +186,9 @@ def _tune_autopilot(
     at_once: bool,
     as_json: bool,
 ) -> None:
+    from firmware_model.config.firmware import guessed_axes
     from firmware_model.types import AXES
-    from gustproof.design.autopilot_gains import guessed_axes, save_tuning
+    from gustproof.design.autopilot_gains import save_tuning
     from gustproof.design.tune import wanted_slew
     from gustproof.show.report.gain_steps import render_steps, steps_document
     from gustproof.show.report.terminal import show

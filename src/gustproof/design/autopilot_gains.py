@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from firmware_model.config.firmware import check_measured, is_measured
+from firmware_model.config.firmware import check_measured, guessed_axes, is_measured
 from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_parameters
 from firmware_model.config.scenario import Scenario, with_measured_delay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.external.interface import scenario_for
-from firmware_model.types import AXES, Vector
+from firmware_model.types import Vector
 from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
@@ -178,12 +178,6 @@ class AutopilotTuning:
         found = [name for name in _STRUCTURES[self.kind].notches if values.get(name)]
         kept = "" if self.notches else " as judged"
         return f"designed with the notches of {', '.join(found)}{kept}" if found else "designed without notches"
-
-
-def guessed_axes(vehicle: Vehicle) -> tuple[int, ...]:
-    """Return the axes about which the torque is a guess: the vehicle's log measured that of others alone."""
-    unmeasured = vehicle.command.unmeasured if is_measured(vehicle) and vehicle.command else ()
-    return tuple(AXES.index(axis) for axis in unmeasured)
 
 
 def tune_gains(

@@ -111,12 +111,11 @@ def check_class(log: FlightLog) -> None:
 
 def contradiction(log: FlightLog, judgement: Judgement) -> str:
     """Return the remark on gains that are unstable by the model and flew all the same; empty for others."""
-    aloft = sum(end - begin for begin, end in log.airborne or ())
-    if judgement.verdict is not Verdict.UNSTABLE or aloft < _FLEW_S:
+    if judgement.verdict is not Verdict.UNSTABLE or log.aloft < _FLEW_S:
         return ""
     return refutation(log) or (
-        f"yet they flew {aloft:.0f} s in this log: either they oscillated there, see its rates, or the loops that flew "
-        "are not those of its parameters"
+        f"yet they flew {log.aloft:.0f} s in this log: either they oscillated there, see its rates, or the loops that "
+        "flew are not those of its parameters"
     )
 
 
@@ -125,17 +124,15 @@ def refutation(log: FlightLog) -> str:
 
     The torque of an unstable loop grows until it is limited. In the flight its 95 % stayed far below that.
     """
-    command, aloft = log.command, sum(end - begin for begin, end in log.airborne or ())
-    if command is None or log.command_unit is not CommandUnit.NORMALISED or aloft < _FLEW_S:
+    if log.command is None or log.command_unit is not CommandUnit.NORMALISED or log.aloft < _FLEW_S:
         return ""
-    inside = np.any([(command.time >= begin) & (command.time <= end) for begin, end in log.airborne or ()], axis=0)
-    flown = command.values[inside]
+    flown = log.in_air(log.command)
     most = float(np.quantile(np.abs(flown - np.median(flown, axis=0)), 0.95, axis=0).max()) if len(flown) else 1.0
     if most > _LIMITED:
         return ""
     return (
-        f"yet they flew {aloft:.0f} s in this log with {100.0 * most:.2g} % of full torque, where that of an unstable "
-        "loop grows until it is limited: the model, or the parameters, are not those of this flight"
+        f"yet they flew {log.aloft:.0f} s in this log with {100.0 * most:.2g} % of full torque, where that of an "
+        "unstable loop grows until it is limited: the model, or the parameters, are not those of this flight"
     )
 
 

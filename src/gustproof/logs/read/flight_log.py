@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+import numpy as np
+
 from gustproof.types import Array
 
 ABSENT = "not in this log: "
@@ -63,3 +65,13 @@ class FlightLog:
     """Parameters of the autopilot by name, [in its own units], as logged; and medians of `notches`, see `crop`."""
     findings: tuple[str, ...] = ()
     """Shortcomings of the log, a line each: absent, clipped, lost or too slow signals."""
+
+    @property
+    def aloft(self) -> float:
+        """[s] time in the air; 0 if it is not told."""
+        return sum((end - begin for begin, end in self.airborne or ()), 0.0)
+
+    def in_air(self, signal: LogSignal) -> Array:
+        """Return the values (m, k) of a signal in the air; none if it is not told."""
+        spans = [(signal.time >= begin) & (signal.time <= end) for begin, end in self.airborne or ()]
+        return np.concatenate([signal.values[:0], *(signal.values[span] for span in spans)])

@@ -1,13 +1,11 @@
 """The flown part of a log, and where notches that move were in it."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from firmware_model.errors import ConfigError
-from gustproof.logs.read.flight_log import FlightLog, LogSignal
-from gustproof.types import Array
+from gustproof.logs.read.flight_log import FlightLog
 
 _MOSTLY = 0.5  # of the samples that must tell a frequency
 _TOLD = "a notch that moved: "
@@ -40,15 +38,10 @@ def place_notches(log: FlightLog) -> FlightLog:
     """
     flown, lines = dict[str, float](), list[str]()
     for name, signal in log.notches.items():
-        values = np.concatenate([np.zeros((0, signal.values.shape[1])), *_in_air(signal, log.airborne or ())])
+        values = log.in_air(signal)
         known = values[values > 0.0]
         if known.size > _MOSTLY * values.size:
             low, middle, high = np.quantile(known, [0.05, 0.5, 0.95]).tolist()
             flown |= {f"{name}_FLOWN": middle, f"{name}_ROTORS": float(values.shape[1])}
             lines.append(f"{_TOLD}{name} at {middle:.0f} Hz, from {low:.0f} to {high:.0f}: it is taken at its median")
     return replace(log, parameters={**log.parameters, **flown}, findings=(*log.findings, *lines))
-
-
-def _in_air(signal: LogSignal, airborne: tuple[tuple[float, float], ...]) -> Iterator[Array]:
-    for begin, end in airborne:
-        yield signal.values[(signal.time >= begin) & (signal.time <= end)]

@@ -32,8 +32,8 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
     if not has_verdict:
         yield f"verdict: {title(flight.judgement)}" if flight.judgement else f"no verdict: {told}"
         yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
-    length, aloft = log.gyro.time[-1] - log.gyro.time[0], sum(end - begin for begin, end in log.airborne or ())
-    yield f"flight: {log.system}, {length:.0f} s of log, {aloft:.0f} s in the air, parameters: {len(log.parameters)}"
+    length, parameters = log.gyro.time[-1] - log.gyro.time[0], len(log.parameters)
+    yield f"flight: {log.system}, {length:.0f} s of log, {log.aloft:.0f} s in the air, parameters: {parameters}"
     if flight.judgement is not None:
         yield f"judged on the vehicle that this log shows; {NO_MASS}"
         if doubt := contradiction(flight.log, flight.judgement):

@@ -4,12 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from firmware_model.config.firmware import guessed_axes
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.types import Vector
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
-from gustproof.design.autopilot_gains import AutopilotTuning, guessed_axes
+from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
