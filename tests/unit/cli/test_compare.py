@@ -99,6 +99,30 @@ def test_the_table_is_written_for_a_review_and_a_build_server(laws: Path) -> Non
     assert "--force" in again.output
 
 
+GUSTY = (
+    SHORT + '\n[[wind]]\nkind = "one_minus_cosine"\namplitude_mps = [0.0, 6.0, 0.0]\nstart_s = 3.0\nlength_s = 0.5\n'
+)
+
+
+def test_phases_stand_in_every_form_and_do_not_decide(laws: Path) -> None:
+    (laws / "gusty.toml").write_text(GUSTY)
+    words = "compare gusty.toml --law flagship --law weak.json --runs 2 --json -o phases.md -o phases.svg"
+    result = CliRunner().invoke(app, words.split())
+    assert result.exit_code == 0  # two seeds tell nothing yet
+    first, weak = json.loads(result.stdout)
+    gust = "gust to the right 6 m/s, one minus cosine"
+    assert [each["name"] for each in weak["phases"]] == ["before", gust, f"after {gust}"]
+    before, during, _ = weak["phases"]
+    assert during["rmse_deg"] > 1.2 * before["rmse_deg"]
+    assert 1.0 < during["rmse_ratio"]["value"] < 1.2
+    assert during["rmse_ratio"]["high"] is None
+    assert first["phases"][1]["rmse_ratio"] is None
+    text = Path("phases.md").read_text(encoding="utf-8")
+    assert f"| flagship | {gust}, 0.5 s |" in text
+    assert contest.explain_phases() in text
+    assert f">{gust[:24]}" in Path("phases.svg").read_text(encoding="utf-8")
+
+
 def test_large_ratios_are_told_in_times() -> None:
     assert contest._describe_ratio(IntervalEstimate(159.4, 33.88, 750.6)) == "159 times (33.9 to 751)"
     assert contest._describe_ratio(IntervalEstimate(1.5, 1.25, 1.75)) == "+50.0 % (+25.0 to +75.0)"

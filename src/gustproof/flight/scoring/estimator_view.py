@@ -99,11 +99,16 @@ def steady_rmse_deg(records: Records, references: Sequence[tuple[int, Vector]] =
 
     `references` are those of a scenario: stamp [us] of the first sample, and roll, pitch, yaw [rad].
     """
+    errors = attitude_errors(records, references)
+    return _rms(errors - errors.mean(axis=0))
+
+
+def attitude_errors(records: Records, references: Sequence[tuple[int, Vector]] = ()) -> Array:
+    """Return the true attitude minus the reference (n, 3) [rad], each within half a turn; arguments as above."""
     wanted = np.zeros((len(records), 3))
     for time_us, euler in references:
         wanted[records["time_us"] >= time_us] = euler
-    errors = _differences(euler_angles(records["q_NB"]), wanted)
-    return _rms(errors - errors.mean(axis=0))
+    return _differences(euler_angles(records["q_NB"]), wanted)
 
 
 def _differences(a: Array, b: Array) -> Array:

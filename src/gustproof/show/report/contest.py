@@ -9,7 +9,7 @@ from rich.text import Text
 
 from gustproof.show.report.junit import JunitTest, render_suites
 from gustproof.show.report.terminal import Renderable, format_number
-from gustproof.studies.campaign.comparison import ComparisonRow
+from gustproof.studies.campaign.comparison import ComparisonRow, PhaseRow
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import ERROR, SMALL, Change
 
@@ -28,16 +28,24 @@ HEADINGS = (
     "failed",
     "speed [x real time]",
 )
-
+PHASE_HEADINGS = (
+    "phase",
+    "RMSE, medians removed [deg]",
+    "largest error [deg]",
+    "torque slew [N m/s]",
+    "saturated [s]",
+)
 
 _TWICE = 2.0  # [-] a ratio from which per cent have too many digits
 
 
 def render_comparison(title: str, rows: Sequence[ComparisonRow]) -> Renderable:
-    """Return the table, a row for each controller; of a course also one with a row for each scenario."""
+    """Return the table, a row for each controller, and one by phases; of a course, one by scenarios in its place."""
     tables = [_render_table(HEADINGS, [[row.name, *_cells(row)] for row in rows], title, explain())]
     if rows[0].by_scenario:
         tables.append(_render_table(*_by_scenario(rows)))
+    elif rows[0].phases:
+        tables.append(_render_table(PHASE_HEADINGS, _by_phase(rows), "By phase", explain_phases()))
     return Group(*tables)
 
 
@@ -66,10 +74,50 @@ def explain() -> str:
     return f"Paired flights, geometric mean; {ends}; alike is within {100.0 * SMALL:g} %."
 
 
+def explain_phases() -> str:
+    """Return how figures by phase are to be read."""
+    return "Phases describe: each interval holds for itself, and the verdict is that of the whole flight."
+
+
+def _by_phase(rows: Sequence[ComparisonRow]) -> list[list[str]]:
+    """Return the lines of the table of phases: in each, each controller, with its changes from the first."""
+    several, count = bool(rows[0].by_scenario), len(rows[0].phases)
+    return [[row.name, *_phase_cells(row.phases[k], several, row is rows[0])] for k in range(count) for row in rows]
+
+
+def _phase_cells(phase: PhaseRow, several: bool, is_first: bool) -> list[str]:
+    where = f"{phase.scenario}: {phase.name}" if several else phase.name
+    figures = (
+        (phase.rmse_deg, phase.rmse_ratio),
+        (phase.peak_deg, phase.peak_ratio),
+        (phase.torque_slew_rms, phase.slew_ratio),
+    )
+    told = [
+        ", ".join([_cell(figure), *([] if ratio is None else [_describe_ratio(ratio)])]) for figure, ratio in figures
+    ]
+    more = phase.saturated_more_s
+    time = [_cell(phase.saturated_s), *([_describe_more(more)] if more is not None and more.value else [])]
+    return [f"{where}, {phase.duration_s:.4g} s" if is_first else "", *told, ", ".join(time)]
+
+
+def _cell(figure: float | None) -> str:
+    return "" if figure is None else format_number(figure)
+
+
+def _describe_more(more: IntervalEstimate) -> str:
+    """Return a difference of times [s] with its interval."""
+    ends = f" ({more.low:+.2g} to {more.high:+.2g})" if math.isfinite(more.high) else ""
+    return f"{more.value:+.2g}{ends}"
+
+
 def render_markdown(title: str, rows: Sequence[ComparisonRow]) -> str:
     """Return the tables in Markdown."""
     lines = [f"### {title}", "", *_mark_table(HEADINGS, [[row.name, *_cells(row)] for row in rows]), "", explain(), ""]
-    return "\n".join([*lines, *([*_mark_table(*_by_scenario(rows)), ""] if rows[0].by_scenario else [])])
+    if rows[0].by_scenario:
+        lines += [*_mark_table(*_by_scenario(rows)), ""]
+    if rows[0].phases:
+        lines += ["#### By phase", "", *_mark_table(PHASE_HEADINGS, _by_phase(rows)), "", explain_phases(), ""]
+    return "\n".join(lines)
 
 
 def _mark_table(headings: Sequence[str], lines: Iterable[Iterable[str]]) -> list[str]:
@@ -105,9 +153,8 @@ def _describe_ratio(ratio: IntervalEstimate) -> str:
 def _cells(row: ComparisonRow) -> list[str]:
     margin = None if row.delay_margin_s is None else 1e3 * row.delay_margin_s
     own, slew = row.predicted_own_rmse_deg, row.predicted_slew
-    figures = row.rmse_deg, row.own_rmse_deg, own, row.torque_slew_rms, slew, row.Ms, margin
-    told = ["" if figure is None else format_number(figure) for figure in figures]
+    told = [*map(_cell, (row.rmse_deg, row.own_rmse_deg, own, row.torque_slew_rms, slew, row.Ms, margin))]
     told.insert(2, "" if row.own_ratio is None else _describe_ratio(row.own_ratio))
-    speed = "" if row.realtime_factor is None else format_number(row.realtime_factor)
+    speed = _cell(row.realtime_factor)
     failed = str(row.failed or "")
     return [format_number(row.steady_rmse_deg), describe_change(row), *told, str(row.seeds), failed, speed]

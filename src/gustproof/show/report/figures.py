@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -220,10 +221,20 @@ def save_tuning(tuning: Tuning, curves: tuple[Sequence[TradeOff], Sequence[Trade
 def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> None:
     """Draw error by an autopilot's own estimate over torque slew: of each row as predicted (ring) and flown (disc).
 
-    What has no such estimate is not drawn beside what has; where nothing has one, it is the true error.
+    What has no such estimate is not drawn beside what has; where nothing has one, it is the true error. If the scenario
+    has phases, the error in each over that of the first stands beside it.
     """
-    figure = _new_figure((8.0, 5.0), title)
-    (axes,) = panels(figure, 1, 1)
+    has_phases = len(rows) > 1 and bool(rows[0].phases) and not rows[0].by_scenario  # of several there are too many
+    figure = _new_figure((14.0, max(5.0, 0.5 * len(rows[0].phases))) if has_phases else (8.0, 5.0), title)
+    axes, *others = panels(figure, 1, 2 if has_phases else 1)
+    _draw_prices(axes, rows)
+    for each in others:
+        _draw_phases(each, rows)
+    save_figure(figure, path)
+
+
+def _draw_prices(axes: Axes, rows: Sequence[ComparisonRow]) -> None:
+    """Draw error over torque slew."""
     has_own = any(row.own_rmse_deg is not None for row in rows)
     label = "RMSE by its own estimate [deg]" if has_own else "RMSE, means removed [deg]"
     legend = "ring: by the model, disc: flown" if has_own else "flown"
@@ -237,14 +248,37 @@ def save_comparison(title: str, rows: Sequence[ComparisonRow], path: Path) -> No
             axes.plot([row.predicted_slew, slew], [row.predicted_own_rmse_deg, error], color=colour, linewidth=0.8)
             axes.plot(row.predicted_slew, row.predicted_own_rmse_deg, "o", color=colour, fillstyle="none", markersize=9)
     _style_axes(axes, label, legend, "torque slew [N m/s]")
+    axes.margins(x=0.2)  # for the names
+    _label_logarithmic(axes)
+
+
+def _label_logarithmic(axes: Axes) -> None:
+    """Make both axes logarithmic, with as many labels as have room."""
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.margins(x=0.2)  # for the names
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         axis.set_major_formatter("{x:g}")
-        shown = "25" if high > 10.0 * low else "23456789"  # all would cover each other
+        shown = "25" if high > 10.0 * low else "23456789" if high > 2.0 * low else "123456789"  # all would overlap
         axis.set_minor_formatter(partial(_label_minor, shown))
-    save_figure(figure, path)
+
+
+def _draw_phases(axes: Axes, rows: Sequence[ComparisonRow]) -> None:
+    """Draw the error in each phase over that of the first row, with its interval if it has one; the first on top."""
+    for j, row in enumerate(rows[1:], 1):
+        colour = _CURVES[j % len(_CURVES)]
+        told = [(k, phase.rmse_ratio) for k, phase in enumerate(row.phases) if phase.rmse_ratio is not None]
+        for k, ratio in told:
+            y = k + 0.6 * (j / len(rows) - 0.5)
+            axes.plot(ratio.value, y, "o", color=colour)
+            if math.isfinite(ratio.high):
+                axes.plot([ratio.low, ratio.high], [y, y], color=colour, linewidth=0.8)
+    axes.axvline(1.0, color=_INK, linewidth=0.8)
+    _style_axes(axes, "", "by phase: intervals hold one by one", f"RMSE over that of {rows[0].name} [-]")
+    axes.set_yticks(range(len(rows[0].phases)), [fill(each.name, 32) for each in rows[0].phases], fontsize=font_size(8))
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(partial(_label_minor, "25"))
 
 
 def _label_minor(digits: str, x: float, _: int) -> str:

@@ -27,8 +27,9 @@ from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.upsets import first_tilt_s
 from gustproof.flight.scoring.estimator_view import EstimatorView, steady_rmse_deg
 from gustproof.flight.scoring.metrics import Metrics, measure
+from gustproof.flight.scoring.phases import FlightPhase, PhaseFigures, find_phases, measure_phases
 from gustproof.studies.campaign.intervals import IntervalEstimate
-from gustproof.studies.campaign.paired import Change, error_ratio, find_change
+from gustproof.studies.campaign.paired import Change, error_ratio, find_change, mean_change
 from gustproof.studies.operating_point import MeasuredPoint, measure_operating_point
 from gustproof.types import Records
 
@@ -36,6 +37,59 @@ AnyController = ExternalAutopilot | Controller
 """A real autopilot, or what flies here."""
 WORST_DEG = 60.0
 """[deg] error that counts for a failed flight, and the largest that counts for any."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhaseRow:
+    """Medians over the seeds of one controller in a phase of a scenario, and its changes from the first, paired.
+
+    They describe: each interval holds for itself, and the verdict is that of the whole flight.
+    """
+
+    scenario: str
+    """Scenario."""
+    name: str
+    """Name of the phase: all that begins or lasts in it, or all that ended; `before` if nothing has happened yet."""
+    duration_s: float
+    """[s] of all its parts."""
+    rmse_deg: float
+    """[deg] rms of the true attitude error, with the median of each axis over the whole flight removed."""
+    peak_deg: float
+    """[deg] largest magnitude of that error."""
+    torque_slew_rms: float | None
+    """[N*m/s] rms of the commanded torque's change; `None` if the phase was not flown."""
+    saturated_s: float | None
+    """[s] time with a commanded torque at the vehicle's limit, likewise."""
+    rmse_ratio: IntervalEstimate | None
+    """[-] `rmse_deg` over that of the first, geometric mean; `None` for the first, or if one is 0."""
+    peak_ratio: IntervalEstimate | None
+    """[-] `peak_deg` over that of the first, likewise."""
+    slew_ratio: IntervalEstimate | None
+    """[-] `torque_slew_rms` over that of the first, likewise, of seeds in which both flew the phase."""
+    saturated_more_s: IntervalEstimate | None
+    """[s] `saturated_s` less that of the first, mean, of seeds in which both flew the phase."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the phase as JSON values."""
+        return {
+            "scenario": self.scenario,
+            "name": self.name,
+            "duration_s": self.duration_s,
+            "rmse_deg": self.rmse_deg,
+            "peak_deg": self.peak_deg,
+            "torque_slew_rms": self.torque_slew_rms,
+            "saturated_s": self.saturated_s,
+            "rmse_ratio": _to_json(self.rmse_ratio),
+            "peak_ratio": _to_json(self.peak_ratio),
+            "slew_ratio": _to_json(self.slew_ratio),
+            "saturated_more_s": _to_json(self.saturated_more_s),
+        }
+
+
+def _to_json(interval: IntervalEstimate | None) -> dict[str, float | None] | None:
+    if interval is None:
+        return None
+    return {name: end if math.isfinite(end) else None for name, end in interval._asdict().items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +126,8 @@ class ComparisonRow:
     """[-] `own_rmse_deg` likewise; `None` for the first, and beside what has no estimate of its own."""
     by_scenario: dict[str, float]
     """[-] the same in each scenario, if there are several; [deg] for the first its error."""
+    phases: tuple[PhaseRow, ...]
+    """Figures by phase of each scenario, cut by what happens in part of it; they decide no verdict."""
 
     @property
     def change(self) -> Change | None:
@@ -96,6 +152,7 @@ class ComparisonRow:
             "seeds": self.seeds,
             "failed": self.failed,
             "by_scenario": self.by_scenario,
+            "phases": [each.to_dict() for each in self.phases],
             "error_ratio": value,
             "error_ratio_low": low,
             "error_ratio_high": None if high == math.inf else high,
@@ -136,13 +193,12 @@ def compare(
         still[1:] = [each for each in still[1:] if find_change(_ratio(flown[each], first)) is Change.OPEN]
         if len(still) == 1 < len(controllers):
             break
-    names = [each.name for each in scenarios]
     return [
         _make_row(
             name,
             each,
             None if each is first else first,
-            names,
+            scenarios,
             _measure_point(controllers[name], vehicle, scenarios[0]),
             predicted.get(name),
         )
@@ -159,9 +215,11 @@ class _Flown(NamedTuple):
     torque_slew_rms: float  # [N*m/s]
     realtime_factor: float | None  # [-]
     failed: bool
+    phases: tuple[PhaseFigures | None, ...] = ()  # of the scenario
 
 
 _Flights = list[list[_Flown]]  # seeds, scenarios
+_PhaseFlights = Sequence[PhaseFigures | None]  # seeds
 
 
 def _errors(flown: _Flights) -> list[float]:
@@ -189,27 +247,31 @@ def _fly(scenario: Scenario, vehicle: Vehicle, controller: AnyController, seed: 
     if not isinstance(controller, ExternalAutopilot):
         with np.errstate(all="ignore"):  # a loop that diverges is a result
             flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
-            return _read_flight(flight, measure(flight.records, vehicle, scenario), None)
+            return _read_flight(flight, measure(flight.records, vehicle, scenario), None, find_phases(scenario))
     with TemporaryDirectory() as folder:
         flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:
         raise KeyboardInterrupt  # taken by the flight, for its recording
     if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
         raise FlightError(flight.message)
-    return _read_flight(flight, flight.metrics, flight.estimator_view)
+    return _read_flight(flight, flight.metrics, flight.estimator_view, find_phases(scenario))
 
 
-def _read_flight(flight: Flight, figures: Metrics, view: EstimatorView | None) -> _Flown:
+def _read_flight(
+    flight: Flight, figures: Metrics, view: EstimatorView | None, phases: Sequence[FlightPhase] = ()
+) -> _Flown:
     error, rmse = _steady_error(flight.records, flight.scenario), figures.rmse_deg
-    fell = flight.outcome is not FlightOutcome.DONE or first_tilt_s(flight.records) is not None
-    failed = fell or not error < WORST_DEG
+    tilted_s = first_tilt_s(flight.records)
+    failed = flight.outcome is not FlightOutcome.DONE or tilted_s is not None or not error < WORST_DEG
+    until_s = math.inf if tilted_s is None else tilted_s
     return _Flown(
         steady_rmse_deg=WORST_DEG if failed else error,
-        rmse_deg=rmse if rmse < WORST_DEG else WORST_DEG,
+        rmse_deg=_cap(rmse),
         own_rmse_deg=None if view is None else view.control_rmse_deg,
         torque_slew_rms=figures.torque_slew_rms,
         realtime_factor=figures.realtime_factor or None,
         failed=failed,
+        phases=measure_phases(flight.records, flight.scenario, flight.vehicle, phases, until_s) if phases else (),
     )
 
 
@@ -229,7 +291,7 @@ def _make_row(
     name: str,
     flown: _Flights,
     first: _Flights | None,
-    scenarios: Sequence[str],
+    scenarios: Sequence[Scenario],
     point: MeasuredPoint | None,
     predicted: PriceInside | None = None,
 ) -> ComparisonRow:
@@ -253,6 +315,7 @@ def _make_row(
         ratio=ratio,
         own_ratio=own_ratio,
         by_scenario=dict(_by_scenario(flown, first, scenarios)),
+        phases=tuple(_by_phase(flown, first, scenarios)),
     )
 
 
@@ -265,14 +328,64 @@ def _forecast(predicted: PriceInside | None) -> tuple[float, float, float] | tup
 
 def _middle(flown: _Flights, figure: str) -> float | None:
     """Return the median of a figure over all flights; `None` if none has it."""
-    found = [value for seed in flown for each in seed if (value := getattr(each, figure)) is not None]
+    return _find_median([value for seed in flown for each in seed if (value := getattr(each, figure)) is not None])
+
+
+def _find_median(found: Sequence[float]) -> float | None:
     return median(found) if found else None
 
 
-def _by_scenario(flown: _Flights, first: _Flights | None, scenarios: Sequence[str]) -> Iterator[tuple[str, float]]:
+def _by_scenario(flown: _Flights, first: _Flights | None, scenarios: Sequence[Scenario]) -> Iterator[tuple[str, float]]:
     """Yield each of several scenarios with the error in it [deg], or over that of `first`."""
-    for k, name in enumerate(scenarios if len(scenarios) > 1 else ()):
+    for k, scenario in enumerate(scenarios if len(scenarios) > 1 else ()):
         mine, its = (
             geometric_mean(seed[k].steady_rmse_deg for seed in each) for each in (flown, (first or flown)[: len(flown)])
         )
-        yield name, mine if first is None else mine / its
+        yield scenario.name, mine if first is None else mine / its
+
+
+def _by_phase(flown: _Flights, first: _Flights | None, scenarios: Sequence[Scenario]) -> Iterator[PhaseRow]:
+    """Yield each phase of each scenario, with the changes from `first`."""
+    for k, scenario in enumerate(scenarios):
+        for j, phase in enumerate(find_phases(scenario)):
+            mine = [seed[k].phases[j] for seed in flown]
+            others = [seed[k].phases[j] for seed in (first or ())[: len(flown)]]
+            yield _make_phase(scenario.name, phase, mine, others)
+
+
+def _make_phase(scenario: str, phase: FlightPhase, mine: _PhaseFlights, others: _PhaseFlights) -> PhaseRow:
+    """Return the row of a phase; `others` are the figures of the first in the same seeds, none for the first itself."""
+    both = [(each, its) for each, its in zip(mine, others, strict=False) if each is not None and its is not None]
+    rmse, its_rmse, peak, its_peak = (
+        [_cap(math.inf if each is None else getattr(each, figure)) for each in seeds]
+        for figure in ("rmse_deg", "peak_deg")
+        for seeds in (mine, others)
+    )
+    return PhaseRow(
+        scenario=scenario,
+        name=phase.name,
+        duration_s=phase.duration_s,
+        rmse_deg=median(rmse),
+        peak_deg=median(peak),
+        torque_slew_rms=_find_median([each.torque_slew_rms for each in mine if each is not None]),
+        saturated_s=_find_median([each.saturated_s for each in mine if each is not None]),
+        rmse_ratio=_find_ratio([*zip(rmse, its_rmse, strict=False)]),
+        peak_ratio=_find_ratio([*zip(peak, its_peak, strict=False)]),
+        slew_ratio=_find_ratio([(each.torque_slew_rms, its.torque_slew_rms) for each, its in both]),
+        saturated_more_s=_find_difference([each.saturated_s - its.saturated_s for each, its in both]),
+    )
+
+
+def _find_ratio(pairs: Sequence[tuple[float, float]]) -> IntervalEstimate | None:
+    """Return the ratio of figures in pairs; `None` without a pair, or if a figure is 0."""
+    return error_ratio(*zip(*pairs, strict=True)) if pairs and all(map(all, pairs)) else None
+
+
+def _find_difference(differences: Sequence[float]) -> IntervalEstimate | None:
+    """Return the mean of differences; `None` without one."""
+    return mean_change(np.array(differences)) if differences else None
+
+
+def _cap(error: float) -> float:
+    """Return an error [deg], at most that of a failed flight."""
+    return error if error < WORST_DEG else WORST_DEG

@@ -18,6 +18,7 @@ from enum import Enum
 import numpy as np
 
 from gustproof.studies.campaign.intervals import IntervalEstimate
+from gustproof.types import Array
 
 ERROR = 0.01
 """[-] probability that the interval ever leaves out the true ratio."""
@@ -45,17 +46,22 @@ def error_ratio(errors: Sequence[float], others: Sequence[float]) -> IntervalEst
 
     The interval holds at any time. Before it can tell, the interval is 0 to infinite.
     """
-    logs = np.log(np.divide(errors, others))
-    n, middle = len(logs), float(np.mean(logs))
+    middle, low, high = mean_change(np.log(np.divide(errors, others)))
+    return IntervalEstimate(math.exp(middle), math.exp(low), math.exp(high))
+
+
+def mean_change(changes: Array) -> IntervalEstimate:
+    """Return the mean of changes (n,) in the same flights, with its interval, which holds at any time."""
+    n, middle = len(changes), float(np.mean(changes))
     if n < 2:
-        return IntervalEstimate(math.exp(middle), 0.0, math.inf)
+        return IntervalEstimate(middle, -math.inf, math.inf)
     growth = 1.0 + n * _PRIOR
     bound = (math.sqrt(growth) / ERROR) ** (2.0 / n)
     if bound >= growth:
-        return IntervalEstimate(math.exp(middle), 0.0, math.inf)
+        return IntervalEstimate(middle, -math.inf, math.inf)
     t = math.sqrt((n - 1) * (bound - 1.0) / (1.0 - bound / growth))
-    half = t * max(float(np.std(logs, ddof=1)), _LEAST_SPREAD) / math.sqrt(n)
-    return IntervalEstimate(math.exp(middle), math.exp(middle - half), math.exp(middle + half))
+    half = t * max(float(np.std(changes, ddof=1)), _LEAST_SPREAD) / math.sqrt(n)
+    return IntervalEstimate(middle, middle - half, middle + half)
 
 
 def find_change(ratio: IntervalEstimate) -> Change:
