@@ -1,7 +1,7 @@
 """Margins of a feedback loop: one channel at a time, and all channels of the plant's input or output at once."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,10 +127,20 @@ def margins(G: LinearSystem, K: LinearSystem | ArrayLike) -> Margins:
 
 def input_margins(G: LinearSystem, K: LinearSystem) -> tuple[LoopMargins, ...]:
     """Return the margins of each input of the plant `G` alone, as `margins` does and with what it raises."""
+    return tuple(loop_margins(L) for L in _input_loops(G, K))
+
+
+def input_peaks(G: LinearSystem, K: LinearSystem) -> tuple[float, ...]:
+    """Return the sensitivity peak [-] of each input of `G` alone: `Ms` of `input_margins`, without the rest."""
+    return tuple(hinf_norm(sensitivity(L)).gain for L in _input_loops(G, K))
+
+
+def _input_loops(G: LinearSystem, K: LinearSystem) -> Iterator[Lti]:
+    """Yield the scalar loop of each input, the others closed; raise if the whole is unstable."""
     at_input = -series(*_loop_parts(G, K))
     if not sensitivity(at_input).is_stable():
         raise ValueError("the loop is unstable: it has no margins")
-    return tuple(loop_margins(_channel(at_input, k)) for k in range(at_input.n_inputs))
+    yield from (_channel(at_input, k) for k in range(at_input.n_inputs))
 
 
 def loop_margins(L: Lti) -> LoopMargins:

@@ -15,7 +15,7 @@ from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
 from gustproof.errors import DesignError
 from gustproof.law.form import Law
 from gustproof.logs.read.flight_log import FlightLog
-from gustproof.robust.lti.margins import LoopMargins, input_margins, worst_loop
+from gustproof.robust.lti.margins import LoopMargins, input_margins, input_peaks, worst_loop
 from gustproof.studies.rate.failure_case import spectral_radius
 from gustproof.studies.rate.flight_error import flight_errors
 from gustproof.studies.rate.judge import MOST_SLEW, NOMINAL_PEAK, SPREAD_PEAK, scenario_for, whole_slew
@@ -179,9 +179,9 @@ def _assess(
 ) -> TuningStep:
     """Return the step of a law, with what `tuning` says of its autopilot."""
     vehicle, script = vehicles.nominal, scenario_for(law, vehicles.nominal, scenario)
-    tried = [vehicle, *plant_box(vehicles).corners()]
+    corners = list(plant_box(vehicles).corners())
     own = replace(tuning, parameters=dict(parameters), law=law)
-    if any(spectral_radius(law, each, script) >= 1.0 for each in tried):
+    if any(spectral_radius(law, each, script) >= 1.0 for each in [vehicle, *corners]):
         lost = math.inf
         own = replace(own, rmse=lost, seen_rmse=lost, slew=lost, Ms=lost, corner_Ms=lost)
         return TuningStep(tuning=own, margins=None)
@@ -189,9 +189,11 @@ def _assess(
     assert found is not None  # as for a law of torque
     assert found.seen_rmse is not None  # on strapdown
     held = guessed_axes(vehicle)  # their gains stay, and their margins are a guess
-    axes = [input_margins(hover_plant(each, script), K) for each in tried]
-    loops = [worst_loop([loop for k, loop in enumerate(each) if k not in held]) for each in axes]
+    free = [k for k in range(3) if k not in held]
+    loops = input_margins(hover_plant(vehicle, script), K)
+    nominal = worst_loop([loops[k] for k in free])
     slew = whole_slew(found, vehicle, AUTOPILOTS[tuning.kind].thrust_step(vehicle), script)
-    corner = max(each.Ms for each in loops)
-    measured = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=loops[0].Ms, corner_Ms=corner)
-    return TuningStep(tuning=measured, margins=loops[0])
+    peaks = [input_peaks(hover_plant(each, script), K) for each in corners]
+    corner = max(nominal.Ms, *(each[k] for each in peaks for k in free))
+    measured = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=nominal.Ms, corner_Ms=corner)
+    return TuningStep(tuning=measured, margins=nominal)

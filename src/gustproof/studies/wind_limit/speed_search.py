@@ -3,7 +3,8 @@
 A test at one speed ends when either of two statements is shown: the probability is below the risk, or above it. Each is
 a mean of likelihood ratios of a Bernoulli process, a nonnegative supermartingale if the statement is false. So it may
 be read after each batch, and is wrong at most with its share of the whole error (Ville's inequality). Speeds are chosen
-by a normal distribution of the logarithm of the speed at which a flight fails. A bad choice costs flights, not truth.
+by a normal distribution of the logarithm of the speed at which a flight fails. A bad choice costs flights, not truth;
+a test that a far lower speed would end sooner is given up.
 
 Failures of a risk below `RARE` can't be counted: their probability is estimated, see `studies.campaign.rare`. Its
 interval shows on which side of the risk it is; all estimates of a search share the error.
@@ -32,22 +33,25 @@ from gustproof.types import Array
 CONFIDENCE = 0.95
 """[-] probability that the interval of a limit holds it."""
 _TESTS = 20
-"""Speeds at which a statement may be made, those of the scouting among them; each has an equal share of the error."""
-_APART = 3.0  # [-] of the risk, by which the probability at a tested speed is meant to be below or above it
-_ALTERNATIVES = (1.5, 3.0)  # [-] of the risk, the probabilities that a test has beside it
-_WIDER = 1.7  # [-] on this, after a test that shows neither
+"""Speeds at which a statement may be made, those of the scouting among them."""
+_OF_SCOUTS = 0.1
+"""[-] share of the error for statements at scouted speeds, in equal parts; of the rest, test k has 1 / (k (k + 1))."""
+_BELOW, _ABOVE = 8.0, 3.0  # factors of the risk, by which the probability at a tested speed is meant to differ from it
+_OTHERS_BELOW, _OTHERS_ABOVE = (2.0, 8.0), (1.5, 3.0)  # factors of the risk: probabilities that a test has beside it
+_WIDER = 1.7  # [-] on these factors, after a test that shows neither
 _SCOUTS, _BATCH, _LARGEST = 64, 256, 2048  # flights at each speed of a scouting; of the first and the largest batch
 _NEAR = 1.12  # [-] ratio of speeds at which scouting ends
 _LOWER = 0.85  # [-] of the least speed that was tested, where the fit leads no further
 _CLOSE = 1.05  # [-] ratio of the ends at which the search ends
-RARE = 1e-4
-"""[-] risk below which the probability of a failure is estimated, not counted."""
+RARE = 5e-4
+"""[-] risk below which the probability of a failure is estimated, not counted: a test takes some 8 flights over it."""
 _ESTIMATES = 8  # most of a search
 ESTIMATE_CONFIDENCE = 1.0 - 2.0 * (1.0 - CONFIDENCE) / _ESTIMATES
 """[-] of the interval of each: it may be wrong about one side of the risk alone."""
 _OFTEN = 0.1  # [-]
 _STEP, _NEVER = 1.5, 1e-12  # [-] largest ratio of a speed to those flown; probability that stands for none
-_VAIN, _LEVEL = 8.0, 1.35  # expected failures that end a test whose share is within this factor of the risk
+_SEEN = 3.0  # failures expected at the risk, from which on a test may be given up
+_DEARER = 2.0  # [-] flights that a test still lacks, over those of one at a speed where nothing fails
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,6 +115,8 @@ class _Search:
     """Receives a line after each batch."""
     counts: dict[float, tuple[int, int]] = field(default_factory=dict)
     """Flights and failures at each speed [m/s]."""
+    tested: list[float] = field(default_factory=list)
+    """Speeds [m/s] that were flown more than for the scouting, in this order."""
 
     @property
     def flown(self) -> int:
@@ -135,6 +141,8 @@ class _Search:
     def fly(self, speed: float, count: int) -> float:
         """Fly `count` further flights at a speed [m/s]; return the share [-] that failed of all there."""
         flown, failed = self.counts.get(speed, (0, 0))
+        if flown + count > _SCOUTS and speed not in self.tested:
+            self.tested.append(speed)
         failed += self.fails(speed, flown, count)
         self.counts[speed] = (flown + count, failed)
         self.progress(f"{speed:.1f} m/s: {failed} of {flown + count} flights fail")
@@ -157,30 +165,53 @@ class _Search:
 
     def shows(self, speed: float) -> bool | None:
         """Return whether the probability at a speed is shown to be below the risk, or `None` if neither is shown."""
-        enough = _TESTS / (1.0 - CONFIDENCE)
-        if self._evidence(speed, [self.risk / each for each in _ALTERNATIVES]) >= enough:
+        enough = self._enough(speed)
+        below, above = self._others
+        if self._evidence(speed, below) >= enough:
             return True
-        above = [min(self.risk * each, 0.5 * (1.0 + self.risk)) for each in _ALTERNATIVES]
         return False if self._evidence(speed, above) >= enough else None
+
+    @property
+    def _others(self) -> tuple[list[float], list[float]]:
+        """Probabilities [-] below and above the risk that stand for either side in a test."""
+        above = [min(self.risk * each, 0.5 * (1.0 + self.risk)) for each in _OTHERS_ABOVE]
+        return [self.risk / each for each in _OTHERS_BELOW], above
+
+    def _enough(self, speed: float) -> float:
+        """Return the evidence [-] that a statement at a speed takes."""
+        if speed in self.tested:
+            return _enough_of_test(1 + self.tested.index(speed))
+        return _TESTS / (_OF_SCOUTS * (1.0 - CONFIDENCE))
 
     def _evidence(self, speed: float, others: Sequence[float]) -> float:
         """Return the mean likelihood ratio [-] of other probabilities to the risk, of all flights at a speed."""
         flown, failed = self.counts[speed]
-        logs = [
-            failed * math.log(other / self.risk) + (flown - failed) * math.log((1.0 - other) / (1.0 - self.risk))
-            for other in others
-        ]
+        logs = [_log_ratio(flown, failed, other, self.risk) for other in others]
         return sum(math.exp(min(each, 500.0)) for each in logs) / len(logs)
 
+    def _lacks(self, flown: int, failed: int, test: int) -> float:
+        """Return how many flights a test lacks if they go on to fail as those flown; infinite if it never ends."""
+        aim, share = math.log(2.0 * _enough_of_test(test)), failed / max(flown, 1)
+        growths = [_log_ratio(1.0, share, other, self.risk) for others in self._others for other in others]
+        return min((aim / growth - flown for growth in growths if growth > 0.0), default=math.inf)
+
     def test(self, speed: float, most: int) -> bool | None:
-        """Fly at a speed until it shows something, seems in vain, or `most` flights are flown in all; see `shows`."""
+        """Fly at a speed until it shows something, or `most` flights are flown in all; see `shows`.
+
+        It is given up if it lacks more flights than are left, or, with no lower end yet, many more than a test at a
+        speed where nothing fails.
+        """
         batch = _BATCH
         while True:
-            share = self.fly(speed, batch)
-            answer, flown = self.shows(speed), self.counts[speed][0]
-            in_vain = flown * self.risk > _VAIN and 1.0 / _LEVEL < share / self.risk < _LEVEL
-            if answer is not None or in_vain or self.flown >= most:
+            self.fly(speed, batch)
+            answer, left = self.shows(speed), float(most - self.flown)
+            if answer is not None or left <= 0.0:
                 return answer
+            if self.low is None:
+                left = min(left, _DEARER * self._lacks(0, 0, 1 + len(self.tested)))
+            is_seen = self.counts[speed][0] * self.risk > _SEEN
+            if is_seen and self._lacks(*self.counts[speed], 1 + self.tested.index(speed)) > left:
+                return None
             batch = min(2 * batch, _LARGEST)
 
     def guess(self, probability: float) -> float:
@@ -204,14 +235,15 @@ class _Search:
         speed = math.exp(found.x[0] + math.exp(found.x[1]) * float(norm.ppf(probability)))
         return min(max(speed, self.least), self.most)
 
-    def choose(self, apart: float) -> float | None:
+    def choose(self, wider: float) -> float | None:
         """Return the next speed [m/s] to test, or `None` if both ends are shown and near, or no speed is left.
 
-        The probability there is meant to be `apart` times below the risk, or above it once a speed below is shown.
+        The probability there is meant to be `wider` times `_BELOW` below the risk; once a speed is shown to be below,
+        `wider` times `_ABOVE` above it.
         """
         low, high, tested = self.low, self.high or self.most, self.tested
         if low is None:
-            speed = self.guess(self.risk / apart)
+            speed = self.guess(self.risk / (wider * _BELOW))
             speed = min(speed, _LOWER * min(tested, default=math.inf))
             return None if self.high == self.least else max(speed, self.least)
         ends = sorted({low, high, *(each for each in tested if low < each < high)})
@@ -220,13 +252,18 @@ class _Search:
         before, after = max(pairwise(ends), key=lambda gap: gap[1] / gap[0])
         if after <= _CLOSE * before and self.high is not None:
             return None
-        speed = self.guess(min(self.risk * apart, 0.5 * (1.0 + self.risk)))
+        speed = self.guess(min(self.risk * wider * _ABOVE, 0.5 * (1.0 + self.risk)))
         return speed if before < speed < after else math.sqrt(before * after)
 
-    @property
-    def tested(self) -> set[float]:
-        """Speeds [m/s] that were flown more than for the scouting."""
-        return {speed for speed, (flown, _) in self.counts.items() if flown > _SCOUTS}
+
+def _enough_of_test(number: int) -> float:
+    """Return the evidence [-] that a statement takes at the speed tested as number 1, 2, ..."""
+    return number * (number + 1) / ((1.0 - _OF_SCOUTS) * (1.0 - CONFIDENCE))
+
+
+def _log_ratio(flown: float, failed: float, probability: float, risk: float) -> float:
+    """Return the logarithm of the likelihood ratio of a probability [-] to the risk."""
+    return failed * math.log(probability / risk) + (flown - failed) * math.log((1.0 - probability) / (1.0 - risk))
 
 
 def scout_speed(fails: Callable[[float, int, int], int], *, least: float, most: float) -> float:
@@ -249,13 +286,13 @@ def find_speed_limit(
     Flights of other numbers must be independent; the same number at other speeds may share all its random numbers. The
     probability must grow with the speed. No test begins after `most_flights`.
     """
-    search, apart = _Search(fails, risk, least, most, progress), _APART
+    search, wider = _Search(fails, risk, least, most, progress), 1.0
     search.scout()
     while search.flown < most_flights and len(search.counts) < _TESTS:
-        speed = search.choose(apart)
+        speed = search.choose(wider)
         if speed is None or speed in search.tested:
             break
-        apart *= _WIDER if search.test(speed, most_flights) is None else 1.0
+        wider *= _WIDER if search.test(speed, most_flights) is None else 1.0
     low, high = search.low, search.high
     best = math.nan if low is None or high is None else min(max(search.guess(risk), low), high)
     return SpeedLimit(low=low, high=high, best=best, trials=search.trials)
@@ -274,7 +311,7 @@ def find_rare_limit(
 
     `fails` is as of `find_speed_limit`, and `estimate` returns the probability at a speed [m/s].
     """
-    search, apart, known = _Search(fails, risk, least, most, progress), _APART, dict[float, SpeedEstimate]()
+    search, apart, known = _Search(fails, risk, least, most, progress), _ABOVE, dict[float, SpeedEstimate]()
     search.scout()
     for share in (0.1, 0.01):
         search.fly(search.guess(share), _LARGEST)
