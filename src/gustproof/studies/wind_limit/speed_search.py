@@ -198,8 +198,8 @@ class _Search:
     def test(self, speed: float, most: int) -> bool | None:
         """Fly at a speed until it shows something, or `most` flights are flown in all; see `shows`.
 
-        It is given up if it lacks more flights than are left, or, with no lower end yet, many more than a test at a
-        speed where nothing fails.
+        It is given up if it lacks more flights than are left. With no lower end yet, it is also if a test at a speed
+        where nothing fails would end much sooner.
         """
         batch = _BATCH
         while True:
