@@ -35,6 +35,8 @@ from gustproof.version import software_versions
 AUTOPILOTS = tuple(SAMPLE_RATES_HZ)
 """Autopilots that can be flown, by the names of `--autopilot`."""
 _POLL_S = 0.02
+_STILL_S = 300.0
+"""[s] without a record, from the start on, by which the process counts as hung: arming may take 120 s of model time."""
 _BAD_INPUT = 2  # exit status of the process
 
 
@@ -320,20 +322,40 @@ def _watch(
     on_listening: Callable[[Path], None] | None,
 ) -> Mapping[str, Any]:
     """Run the process to its end, and return the facts that it printed."""
+    is_hung = False
     with launch("firmware_model.external", *arguments) as process:
         try:
             greeted = bool(process.stdout and process.stdout.readline())
             if greeted and on_listening:
                 on_listening(journal)
-            while process.poll() is None:
-                if progress:
-                    progress(min(count_records(journal) / samples, 1.0))
-                time.sleep(_POLL_S)
+            is_hung = not _wait_for_end(process, samples, journal, progress or (lambda _: None))
         except KeyboardInterrupt:
             terminate(process)
         finally:
             terminate(process)
-        return _read_facts(process)
+        return _hung_facts() if is_hung else _read_facts(process)
+
+
+def _wait_for_end(
+    process: "subprocess.Popen[str]", samples: int, journal: Path, progress: Callable[[float], None]
+) -> bool:
+    """Wait until a process has ended; return False as soon as its journal has not grown for `_STILL_S`."""
+    grown_s, before = time.monotonic(), 0
+    while process.poll() is None:
+        now_s, records = time.monotonic(), count_records(journal)
+        if records > before:
+            grown_s, before = now_s, records
+        if now_s > grown_s + _STILL_S:
+            return False
+        progress(min(records / samples, 1.0))
+        time.sleep(_POLL_S)
+    return True
+
+
+def _hung_facts() -> Mapping[str, Any]:
+    """Return the facts of a process that was ended because it did nothing."""
+    reason = f"the process that simulates for it recorded nothing for {_STILL_S:g} s"
+    return {"outcome": ExternalOutcome.HUNG.value, "reason": reason, "realtime_factor": 0.0, "autopilot": {}}
 
 
 def _read_facts(process: "subprocess.Popen[str]") -> Mapping[str, Any]:

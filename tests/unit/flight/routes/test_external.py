@@ -1,6 +1,8 @@
 """A flight of a stand-in for PX4, from the command that starts it to the report."""
 
 import json
+import subprocess
+import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import read_bag, read_estimate_topics
+from gustproof.flight.routes import external
 from gustproof.flight.routes.external import (
     ExternalAutopilot,
     ExternalPlan,
@@ -146,6 +149,28 @@ def test_default_rate_is_no_request_but_the_autopilots_own_is_told() -> None:
     assert describe_rate(SCENARIO, "px4") == ""
     assert describe_rate(replace(SCENARIO, control_rate_hz=1000), "px4") == ""  # it is refused
     assert "ardupilot takes 400 samples a second" in describe_rate(SCENARIO, "ardupilot")
+
+
+@pytest.mark.parametrize(("writes", "outcome"), [(False, FlightOutcome.HUNG), (True, FlightOutcome.KILLED)])
+def test_a_simulator_that_records_nothing_more_is_ended_and_its_flight_has_hung(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: bool, outcome: FlightOutcome
+) -> None:
+    """One that writes records now and then, and then ends, has not hung."""
+    does = "[f.write(bytes(999)) and f.flush() or time.sleep(.1) for _ in range(12)]" if writes else "time.sleep(60)"
+
+    def launch(_: str, *arguments: str) -> "subprocess.Popen[str]":
+        journal = arguments[arguments.index("--journal") + 1]
+        Path(journal).write_bytes(b"{}\n")
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        script = f"import time; print(1, flush=True); f = open({journal!r}, 'ab'); {does}"
+        return subprocess.Popen([sys.executable, "-c", script], text=True, **pipes)
+
+    monkeypatch.setattr(external, "launch", launch)
+    monkeypatch.setattr(external, "_STILL_S", 0.5)
+    monkeypatch.setattr(external, "read_journal", lambda _: ({}, np.empty(0)))
+    flight = fly_external(PLAN, tmp_path)
+    assert flight.outcome is outcome
+    assert ("recorded nothing for 0.5 s" in flight.message) == (outcome is FlightOutcome.HUNG)
 
 
 def test_build_that_is_not_there_is_bad_input(tmp_path: Path) -> None:
