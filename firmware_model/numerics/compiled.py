@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite import ir
-from numba.core import types
+from numba.core import event, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic, overload, register_jitable
@@ -106,6 +106,27 @@ def compiled(function: Function) -> Function:
             entry._cache = CodeCache(function)
             entry._cache.set_stamp(_source_stamp(_find_package(Path(function.__code__.co_filename))))
     return cast(Function, entry)
+
+
+class _Work(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Count of entry points that are compiled now; one may need another."""
+
+    count = 0
+
+    def on_start(self, _: Any) -> None:
+        self.count += 1
+
+    def on_end(self, _: Any) -> None:
+        self.count -= 1
+
+
+_work = _Work()
+event.register("numba:compile", _work)
+
+
+def is_compiling() -> bool:
+    """Return whether machine code is made now, in any thread of this process; it is not while code is loaded."""
+    return _work.count > 0
 
 
 def _find_package(source: Path) -> Path:

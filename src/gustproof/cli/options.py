@@ -286,12 +286,23 @@ def working(title: str, *, quiet: bool) -> Iterator[None]:
         yield
 
 
+def _tell_compiling(line: str) -> str:
+    """Return a line of progress that says so while this process makes machine code."""
+    numerics = sys.modules.get("firmware_model.numerics.compiled")  # imported by what flies, not here
+    return line + COMPILING if numerics and numerics.is_compiling() and COMPILING not in line else line
+
+
 @contextmanager
 def _bar(title: str, *, total: float | None, at_once: bool) -> Iterator[Callable[[float, str], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    text, percentage = TextColumn("{task.description}", markup=False), TextColumn("{task.percentage:3.0f} %")
+    class Description(TextColumn):
+        def render(self, task: Any) -> Text:
+            return Text(_tell_compiling(task.description))
+
+    text, percentage = Description(""), TextColumn("{task.percentage:3.0f} %")
     known = () if total is None else (percentage, TimeRemainingColumn())
     display = Progress(text, BarColumn(), TimeElapsedColumn(), *known, console=Console(stderr=True), transient=True)
     task = display.add_task(printable(title), total=total)
@@ -320,7 +331,9 @@ def _plain_lines(title: str | Callable[[], str], *, at_once: bool) -> Iterator[C
             (fraction, text), wait_s = latest[0], _NEXT_LINES_S
             share, shown = f"{fraction:.0%}, " if fraction else "", text if isinstance(text, str) else text()
             print(
-                f"gustproof: {printable(shown)}: {share}{time.monotonic() - start:.0f} s", file=sys.stderr, flush=True
+                f"gustproof: {_tell_compiling(printable(shown))}: {share}{time.monotonic() - start:.0f} s",
+                file=sys.stderr,
+                flush=True,
             )
 
     thread = threading.Thread(target=repeat, daemon=True)

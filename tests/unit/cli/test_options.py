@@ -2,10 +2,15 @@
 
 import json
 import math
+import time
 
+import numba
 import numpy as np
+from numba.extending import overload
 
-from gustproof.cli.options import print_json, print_next
+from firmware_model.numerics.compiled import is_compiling
+from gustproof.cli import options
+from gustproof.cli.options import print_json, print_next, progress
 
 
 def test_numbers_that_json_does_not_have_become_null(capsys):
@@ -21,3 +26,20 @@ def test_the_next_command_writes_no_file_that_is_there(capsys, tmp_path, monkeyp
         (tmp_path / name).touch()
     print_next("judge", "law.json", "--better", "law.json", "-o", "page.html")
     assert capsys.readouterr().out == "next: gustproof judge law.json --better law-3.json -o page.html\n"
+
+
+def test_a_line_of_progress_says_that_machine_code_is_made(capsys, monkeypatch):
+    monkeypatch.setattr(options, "_FIRST_LINE_S", 0.01)
+
+    def step() -> None: ...
+
+    def take_time():  # which numba asks for what stands in the place of `step`
+        while not capsys.readouterr().err.startswith("gustproof: worst gust: compiling the simulator"):
+            time.sleep(0.01)
+        return lambda: None
+
+    overload(step)(take_time)
+    entry = numba.njit(lambda: step())
+    with progress("worst gust", quiet=False):
+        entry()
+        assert not is_compiling()
