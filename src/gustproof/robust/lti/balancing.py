@@ -94,7 +94,7 @@ def balanced_realization(G: Lti) -> tuple[Lti, Matrix]:
     """Return the minimal balanced form of a stable system, and its Hankel singular values."""
     if not G.order:
         return G, np.zeros(0)
-    reached, seen = _gramian_factor(G.A, G.B, G.dt), _gramian_factor(G.A.T, G.C.T, G.dt)
+    reached, seen = gramian_factor(G.A, G.B, G.dt), gramian_factor(G.A.T, G.C.T, G.dt)
     U, hankel, Vt = np.linalg.svd(seen.T @ reached)
     size = int(np.sum(hankel > _NEGLIGIBLE * hankel[0]))
     root = np.sqrt(hankel[:size])
@@ -102,7 +102,7 @@ def balanced_realization(G: Lti) -> tuple[Lti, Matrix]:
     return Lti(A=left @ G.A @ T, B=left @ G.B, C=G.C @ T, D=G.D, dt=G.dt), np.asarray(hankel[:size])
 
 
-def _gramian_factor(A: Matrix, B: Matrix, dt: float) -> Matrix:
+def gramian_factor(A: Matrix, B: Matrix, dt: float) -> Matrix:
     """Return L, (n, n), with L L' the reachability Gramian of a stable system, by doubling of the horizon.
 
     A continuous system is first mapped to a discrete one of the same Gramian. Only orthogonal transformations and

@@ -9,7 +9,7 @@ import scipy
 from scipy.linalg.lapack import dgeev, dtrsyl
 
 from gustproof.errors import DesignError
-from gustproof.robust.lti.balancing import balance_states, balanced_realization
+from gustproof.robust.lti.balancing import balance_states, balanced_realization, gramian_factor
 from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.gain_curve import GainCurve, gain_curve
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, largest_gain
@@ -33,6 +33,9 @@ _LOOKS = 2
 _NARROW, _FAR_BELOW = 1e-2, 1e-4
 """[-] largest width of a narrow band, of the distance of the samples about it, and how far below these are. A parabola
 is a hundred times as wide there."""
+
+_BALANCINGS, _GAIN_BITS = 40, 10
+"""Times that states and gain are balanced in turn at most, and the bits by which B C may exceed the square of A."""
 
 _NOISE = 1e-2
 """[-] part of a gain from which its rounding may hide every crossing."""
@@ -154,21 +157,41 @@ def h2_norm(system: LinearSystem) -> float:
     >>> round(h2_norm(ss(-2.0, 2.0, 1.0, 0.0)), 6)
     1.0
     """
-    G = balance_states(as_lti(system))
+    G = as_lti(system)
     if not G.order:
         return float("inf") if not G.dt and np.any(G.D) else float(np.linalg.norm(G.D))
+    G, size = _balance_gain(G)
     if G.dt:
         if not G.is_stable():
             return float("inf")
         gramian = scipy.linalg.solve_discrete_lyapunov(G.A, G.B @ G.B.T)
-        return float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
+        return size * float(np.sqrt(max(np.trace(G.C @ gramian @ G.C.T) + np.sum(G.D**2), 0.0)))
     # One Schur form gives poles and Gramian; its diagonal has their real parts.
     T, U = scipy.linalg.schur(G.A)
     if np.any(G.D) or T.diagonal().max() >= 0.0:
         return float("inf")
     B, C = U.T @ G.B, G.C @ U
-    gramian, scale, _ = dtrsyl(T, T, -B @ B.T, tranb="T")
-    return float(np.sqrt(max(np.trace(C @ gramian @ C.T) / scale, 0.0)))
+    gramian, scale, perturbed = dtrsyl(T, T, -B @ B.T, tranb="T")
+    if perturbed:  # it took two poles for mirror images of each other and moved them: the Gramian is of other poles
+        return size * float(np.linalg.norm(G.C @ gramian_factor(G.A, G.B, G.dt)))
+    return size * float(np.sqrt(max(np.trace(C @ gramian @ C.T) / scale, 0.0)))
+
+
+def _balance_gain(G: Lti) -> tuple[Lti, float]:
+    """Return a system with balanced states, divided by a power of two that makes B C like A A, and that power.
+
+    A large gain would otherwise unbalance the states: units that make B and C alike large spoil A.
+    """
+    size, speed = 1.0, float(np.max(np.abs(np.linalg.eigvals(G.A))))
+    for _ in range(_BALANCINGS):
+        G = balance_states(G)
+        b, c = (float(np.max(np.abs(part), initial=0.0)) for part in (G.B, G.C))
+        over = math.log2(b) + math.log2(c) - 2.0 * math.log2(speed) if b and c and speed else 0.0
+        if -20 * _GAIN_BITS < over < _GAIN_BITS:
+            break
+        half = 2.0 ** round(0.25 * over)
+        G, size = Lti(A=G.A, B=G.B / half, C=G.C / half, D=G.D / half**2, dt=G.dt), size * half**2
+    return G, size
 
 
 class _Image(NamedTuple):

@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgesdd
 
+from gustproof.robust.lti.transfer_functions import give_states
 from gustproof.robust.shown import Shown
 from gustproof.types import readonly_copy
 
@@ -226,12 +227,7 @@ def _give_states(system: Any) -> Any:
         raise ValueError("an uncertain system is a family: take a member by substitute, or robstab, wcgain, wcmargin")
     if not hasattr(system, "num"):
         raise ValueError(f"{type(system).__name__} is no linear system: take a state space or a transfer function")
-    from control import tf2ss  # takes seconds: imported on use only
-
-    try:
-        return tf2ss(system)
-    except (ValueError, NotImplementedError) as error:
-        raise ValueError(f"the transfer function has no state space: {error}") from None
+    return give_states(system)
 
 
 def as_controller(K: LinearSystem | ArrayLike, dt: float) -> Lti:

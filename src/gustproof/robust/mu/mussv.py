@@ -18,6 +18,8 @@ from gustproof.robust.uncertain.uncertainty import DeltaBlock, FullBlock, RealBl
 
 _TIGHT = 0.995
 """[-] lower over upper bound above which neither is searched further."""
+_BITS = 60
+"""Exponent of two beyond which a matrix is bounded in another unit."""
 _SMALLER = (0.5, 0.25, 0.1, 0.03, 0.01, 1e-3)
 """[-] shares of the upper bound tried in turn where no singular matrix was found."""
 
@@ -107,6 +109,11 @@ def _bounds(
     M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], accuracy: float, boxes: int
 ) -> tuple[float, float, ComplexMatrix]:
     """Return both bounds of one matrix, and the Delta of the lower one."""
+    size = float(np.max(np.abs(M)))
+    if size and abs(math.log2(size)) > _BITS:  # squares would overflow, or be lost
+        unit = 2.0 ** round(math.log2(size))
+        lower, upper, Delta = _bounds(M / unit, blocks, accuracy, boxes)
+        return lower * unit, upper * unit, Delta / unit
     if not M.imag.any():
         found = mu(Uncertain(M=gain(M.real), blocks=blocks), accuracy=accuracy)
         lower, upper, delta = found.lower, found.upper, dict(found.delta)

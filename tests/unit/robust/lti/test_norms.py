@@ -6,6 +6,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from control import ss
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti import norms
@@ -107,6 +108,24 @@ def test_h2_of_a_lag_is_that_of_its_impulse_response():
 
 def test_h2_of_a_discrete_lag_is_the_sum_of_its_impulse_response():
     assert h2_norm(transfer([1.0], [1.0, -0.5], 1.0)) == pytest.approx(math.sqrt(1.0 / 0.75), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-20, 1e15, 1e100])
+@pytest.mark.parametrize("dt", [0.0, 0.1])
+def test_the_h2_norm_grows_with_the_gain(size, dt):
+    """Of 1e15 the balanced states were spoilt, and the norm was 0."""
+    A = np.array([[-0.1, -1.0], [1.0, 0.0]]) if not dt else np.array([[0.5, -0.4], [0.4, 0.5]])
+    G, large = (ss(A, [[gain], [0.0]], [[0.0, 1.0]], [[0.0]], dt) for gain in (1.0, size))
+    assert h2_norm(large) == pytest.approx(size * h2_norm(G), rel=1e-9)
+
+
+def test_the_h2_norm_of_very_unlike_poles_is_that_of_the_formula():
+    """LAPACK takes poles of 1e-6 and 1e12 rad/s for a sum of zero, and moves them."""
+    a, b = 1e-6, 1e12
+    power = 0.5 * a + 0.5 * b + 2.0 * a * b / (a + b)
+    assert h2_norm(ss([[-a, 0.0], [0.0, -b]], [[1.0], [1.0]], [[a, b]], [[0.0]])) == pytest.approx(
+        math.sqrt(power), 1e-6
+    )
 
 
 def test_white_noise_through_a_feedthrough_has_infinite_power():

@@ -151,9 +151,31 @@ def test_a_transfer_function_gets_states():
 
 
 @pytest.mark.parametrize(
+    ("system", "s"),
+    [
+        (control.tf([1e-16], [1.0, 4e-4, 6e-8, 4e-12, 1e-16]), 1e-4j),
+        (control.tf([1e-17], [1.0, 1.0, 1.0]), 1j),
+        (control.tf([1e-17, 0.0], [1.0, -0.5], 0.1), 1j),
+        (control.tf([1e-20, 1.0], [1.0, 1.0, 0.0]), 1j),
+        (control.tf([0.0], [1.0, 1.0]), 1j),
+    ],
+)
+def test_a_transfer_function_of_any_speed_and_size_keeps_its_response(system, s):
+    """Of the four slow lags python-control leaves nothing: their norm was 0."""
+    found = as_lti(system)
+    x = np.linalg.solve(s * np.eye(found.order) - found.A, found.B) if found.order else np.zeros((0, 1))
+    assert (found.C @ x + found.D)[0, 0] == pytest.approx(system(s), rel=1e-6)
+
+
+@pytest.mark.parametrize(
     ("system", "told"),
     [
         (control.tf([1.0, 0.0], [1.0]), "the transfer function has no state space: .*proper"),
+        (control.tf([np.nan], [1.0, 1.0]), "the transfer function has a coefficient that is no finite number"),
+        (
+            scipy.signal.TransferFunction([1.0], [1.0, 1.0]),
+            "TransferFunctionContinuous is no linear system: take one of",
+        ),
         (3.0, "float is no linear system: take a state space or a transfer function"),
     ],
 )

@@ -246,6 +246,13 @@ def test_the_disk_margin_of_a_badly_scaled_sampled_loop_is_tight():
     assert lower >= margins(L, ss([], [], [], -np.eye(3), 0.01)).input_disk
 
 
+@pytest.mark.parametrize("size", [2.0**-565, 2.0**-70, 2.0**330])
+def test_mu_of_a_multiple_is_the_multiple_of_mu(size):
+    """Where squares are lost it was a millionth, where they overflow an error of numpy."""
+    M, blocks = np.array([[0.5, 0.2], [0.1, 0.3]]), [(-1, 0), (1, 0)]
+    assert both(mussv(size * M, blocks)) == pytest.approx([size * each for each in both(mussv(M, blocks))], rel=1e-6)
+
+
 def test_mu_over_frequency_is_that_of_each_matrix():
     responses = badly_scaled().response([0.1, 1.0])
     found = mussv(responses, [(1, 1), (2, 2)])
