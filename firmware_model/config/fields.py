@@ -3,13 +3,23 @@
 from collections.abc import Callable
 from typing import Annotated, Literal, Self, TypeVar, cast, dataclass_transform
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+
+def _refuse_truth(value: object) -> object:
+    """Refuse true and false, which would count as 1 and 0."""
+    if isinstance(value, bool):
+        raise ValueError("must be a number, not true or false")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_refuse_truth)]
+Whole = Annotated[int, BeforeValidator(_refuse_truth)]
+Positive = Annotated[Number, Field(gt=0.0, allow_inf_nan=False)]
+NonNegative = Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]
+Finite = Annotated[Number, Field(allow_inf_nan=False)]
+Fraction = Annotated[Number, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
 PositiveVector = tuple[Positive, Positive, Positive]
 _Table = TypeVar("_Table")

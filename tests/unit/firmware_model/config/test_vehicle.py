@@ -66,3 +66,10 @@ def test_a_file_without_rotors_is_refused():
     del document["rotors"]
     with pytest.raises(ConfigError, match="rotors"):
         validate(Vehicle, document, "bare.toml")
+
+
+@pytest.mark.parametrize("key", ["mass", "span", "gust_gain"])
+def test_true_is_no_number(key):
+    """It would count as 1."""
+    with pytest.raises(ConfigError, match=f"{key}: must be a number, not true or false"):
+        validate(Vehicle, {"name": "flag", **read_document(vehicle_path("iris")), key: True}, "flag.toml")
