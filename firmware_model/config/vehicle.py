@@ -26,6 +26,7 @@ from firmware_model.config.fields import (
 )
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.spreads import take_nominal
+from firmware_model.config.units import check_units
 from firmware_model.errors import ConfigError
 from firmware_model.exact import right_inverse
 
@@ -366,7 +367,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     Raises
     ------
     ConfigError
-        If there is no such file, or a key or value is not allowed.
+        If there is no such file, a key or value is not allowed, or a number is in another unit.
 
     Examples
     --------
@@ -376,6 +377,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """
     vehicle = read_toml(Vehicle, name_or_path, VEHICLES, lambda document, path: take_nominal(document, str(path)))
     check_body(vehicle.inertia_B, vehicle.inertia_B, str(name_or_path))
+    check_units(vehicle, str(name_or_path))
     return vehicle
 
 

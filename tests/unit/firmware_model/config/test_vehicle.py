@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from firmware_model.config.files import read_document, validate
+from firmware_model.config.spreads import take_nominal
+from firmware_model.config.units import check_units
 from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from firmware_model.errors import ConfigError
 from firmware_model.physics.aerodynamics import air_params
@@ -73,3 +75,43 @@ def test_true_is_no_number(key):
     """It would count as 1."""
     with pytest.raises(ConfigError, match=f"{key}: must be a number, not true or false"):
         validate(Vehicle, {"name": "flag", **read_document(vehicle_path("iris")), key: True}, "flag.toml")
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "other"),
+    [
+        ("span", "span = 0.71 ", "span = 710.0 "),
+        ("torque_limit.0", "torque_limit = [1.5, 0.9, 0.35]", "torque_limit = [1500.0, 900.0, 350.0]"),
+        ("torque_limit.2", "torque_limit = [1.5, 0.9, 0.35]", "torque_limit = [1.5, 0.9, 350.0]"),
+        ("stabilizer.rate_limit", "rate_limit = 3.8", "rate_limit = 220.0"),
+        ("gyro.range", "range = 34.9 ", "range = 2000.0 "),
+        ("rotors.thrust_max", "thrust_max = 7.0664", "thrust_max = 720.0"),
+        ("rotors.position_B", "[[0.13, 0.22, -0.023], [-0.13, -0.2,", "[[0.13, 0.22, -0.023], [-130, -200,"),
+        ("actuator_lag", "{ nominal = 0.025, low = 0.0175, high = 0.0325 }", "25.0"),
+        ("inertia_B", "inertia_B = [", "inertia_B = [291.25, 291.25, 552.25]\n[x]\ny = ["),
+    ],
+)
+def test_a_number_in_another_unit_is_refused_by_its_key(tmp_path, key, given, other):
+    """Most flew without a word: torque in N mm, rates in deg/s, thrust in gram, span in mm."""
+    text = vehicle_path("iris").read_text(encoding="utf-8")
+    assert given in text
+    file = tmp_path / "mixed.toml"
+    text = text.replace(given, other)
+    if "[x]" in text:
+        begin = text.index("[x]")
+        text = text[:begin] + text[text.index("actuator_lag") :]
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"mixed\.toml: {key}: .* is beyond .*: see its unit"):
+        load_vehicle(file)
+
+
+@pytest.mark.parametrize(("scale", "mass"), [(0.25, 0.02), (5.0, 200.0)])
+def test_vehicles_of_20_g_and_200_kg_have_sound_units(tmp_path, scale, mass):
+    heavier = mass / IRIS.mass
+    arms = [[scale * each for each in place] for place in IRIS.rotors.position_B]
+    document = {**read_document(vehicle_path("iris")), "mass": mass, "span": scale * IRIS.span, "actuator_lag": 0.03}
+    document["inertia_B"] = [heavier * scale**2 * each for each in IRIS.inertia_B]
+    document["torque_limit"] = [heavier * scale * each for each in IRIS.torque_limit]
+    document["rotors"] = {**document["rotors"], "position_B": arms, "thrust_max": heavier * IRIS.rotors.thrust_max}
+    vehicle = validate(Vehicle, {"name": "scaled", **take_nominal(document, "scaled.toml")}, "scaled.toml")
+    check_units(vehicle, "scaled.toml")
