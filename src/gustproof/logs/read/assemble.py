@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gustproof.logs.read.flight_log import ABSENT, CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.flown_part import place_notches
 from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
+from gustproof.logs.read.unit_check import check_units
 from gustproof.types import Array
 
 SIGNALS = ("gyro", "command", "motors", "accelerometer", "attitude", "reference", "rate_reference")
@@ -68,6 +69,8 @@ class Draft:
     """Writer of the log."""
     rows: dict[str, Rows]
     """By name of the signal."""
+    names_units: bool = False
+    """True if a user named units and axes: ones that contradict each other are refused."""
     in_air: Rows | None = None
     """(n, 1) 1 from a sample on that is in the air, else 0; `None` if the log does not tell."""
     command_unit: CommandUnit = CommandUnit.NORMALISED
@@ -113,7 +116,7 @@ def assemble(draft: Draft) -> FlightLog:
     Raises
     ------
     ValueError
-        If there is no gyro, or a vector has not three components.
+        If there is no gyro, a vector has not three components, or the units that a table names contradict each other.
     """
     findings = list(draft.findings)
     _check_shapes(draft.rows, findings)
@@ -132,7 +135,7 @@ def assemble(draft: Draft) -> FlightLog:
         )
         for name, rows in kept.items()
     }
-    findings += _shortcomings(signals)
+    findings += [*_contradictions(draft, signals), *_shortcomings(signals)]
     states = None if draft.in_air is None else _on_clock(_cut(draft.in_air, begin, end), gyro)
     log = FlightLog(
         source=draft.source,
@@ -166,6 +169,14 @@ def _check_shapes(signals: Mapping[str, Rows], findings: Sequence[str]) -> None:
     for name, rows in signals.items():
         if name != "motors" and rows.values.shape[1] != 3:
             raise ValueError(f"{name} has {rows.values.shape[1]} components, must have 3")
+
+
+def _contradictions(draft: Draft, signals: Mapping[str, LogSignal]) -> list[str]:
+    """Return what is wrong with units and axes; refuse it of a user's own names, which can be mended."""
+    found = list(check_units(signals))
+    if found and draft.names_units:
+        raise ValueError(found[0])
+    return found
 
 
 def longest_piece(gyro: Rows, findings: list[str]) -> tuple[int, int]:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from firmware_model.config.files import open_regular
 from firmware_model.config.gyro_filters import ARDUPILOT_NOTCH, ARDUPILOT_NOTCHES, MOST_ROTORS
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, fastest
-from gustproof.logs.read.pulses import motor_commands
+from gustproof.logs.read.flight_log import TAKEN
+from gustproof.logs.read.pulses import describe_pulses, motor_commands
 from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.types import Array
 
@@ -247,7 +248,7 @@ def read_dataflash(path: Path) -> Draft:
     parameters = _parameters(parser)
     draft = Draft(source=path.name, system="ardupilot", rows={}, parameters=parameters.values)
     is_old = _has_old_units(parser)
-    draft.findings += ["RATE: of ArduCopter before 3.4, in centidegrees/s and with 4500 as full command"] * is_old
+    draft.findings += [f"RATE: of ArduCopter before 3.4{TAKEN}centidegrees/s, with 4500 as full command"] * is_old
     for signal, sources in _SIGNALS.items():
         used = (_in_old_units(signal, source) for source in sources) if is_old else sources
         found = [rows for source in used if (rows := parser.rows(source)) is not None and rows.has_times()]
@@ -260,6 +261,7 @@ def read_dataflash(path: Path) -> Draft:
             )
     if (motors := _motors(parser, parameters.values)) is not None:
         draft.rows["motors"] = motors
+        draft.findings += describe_pulses(parameters.values)
     draft.in_air = _in_air(parser)
     draft.notches = dict(_notches(parser, parameters.values))
     draft.findings += [*_findings(parser, left), *parameters.findings()]

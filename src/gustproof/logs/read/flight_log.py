@@ -1,6 +1,6 @@
 """One flight as its log has it, in SI units and body axes front, right, down (B), whatever the file's format."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -10,6 +10,15 @@ from gustproof.types import Array
 
 ABSENT = "not in this log: "
 """Begins the finding that names the signals that a log lacks, and may do without."""
+
+
+TAKEN = ", taken for "
+"""Stands in each finding about a unit or a range that the file does not tell, before what it is taken for."""
+
+
+def assumptions(findings: Iterable[str]) -> list[str]:
+    """Return the findings about units and ranges that a file does not tell."""
+    return [line for line in findings if TAKEN in line]
 
 
 class CommandUnit(Enum):

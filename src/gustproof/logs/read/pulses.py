@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gustproof.logs.read.flight_log import TAKEN
 from gustproof.types import Array
 
 _FUNCTIONS = (*range(33, 41), *range(82, 86))  # ArduPilot's SERVOn_FUNCTION of motors 1 to 12
@@ -34,9 +35,27 @@ def output_commands(outputs: Array) -> Array:
     They are of DShot if motors turn at numbers that as pulses would stop them: sometimes much below, or nearly always.
     A number that is mostly the same is the pulse of parked motors.
     """
-    running = outputs[outputs > 0.0]
-    is_dshot = len(running) > 0 and np.quantile(running, _RARELY) < _LEAST_PWM
-    if len(running) and not is_dshot and np.quantile(running, _NEARLY) < _PWM["MOT_PWM_MIN"]:
-        is_dshot = np.unique(running, return_counts=True)[1].max() < _MOSTLY * len(running)
-    least, most = _DSHOT if is_dshot else _PWM.values()
+    least, most = _DSHOT if _is_dshot(outputs) else _PWM.values()
     return np.clip((outputs - least) / (most - least), 0.0, 1.0)
+
+
+def describe_outputs(outputs: Array) -> str:
+    """Return for what the outputs (n, m) of motors are taken, which no log tells."""
+    least, most = _DSHOT if _is_dshot(outputs) else _PWM.values()
+    kind = "DShot" if _is_dshot(outputs) else "pulses in us"
+    return f"motors: no unit in the file{TAKEN}{kind} by their numbers: {least:.0f} is off, {most:.0f} full"
+
+
+def describe_pulses(parameters: Mapping[str, float]) -> list[str]:
+    """Return a line on the pulses of motors if parameters do not tell them all."""
+    lacks = [name for name in _PWM if not parameters.get(name)]
+    text = " to ".join(f"{parameters.get(name) or usual:.0f}" for name, usual in _PWM.items())
+    return [f"motors: no {' and '.join(lacks)} in the log{TAKEN}pulses of {text} us"] if lacks else []
+
+
+def _is_dshot(outputs: Array) -> bool:
+    running = outputs[outputs > 0.0]
+    is_dshot = len(running) > 0 and bool(np.quantile(running, _RARELY) < _LEAST_PWM)
+    if len(running) and not is_dshot and np.quantile(running, _NEARLY) < _PWM["MOT_PWM_MIN"]:
+        is_dshot = bool(np.unique(running, return_counts=True)[1].max() < _MOSTLY * len(running))
+    return is_dshot

@@ -30,6 +30,7 @@ from firmware_model.config.files import MIB, open_regular
 from firmware_model.config.validation import sanitize_line
 from gustproof.logs.read.assemble import Draft, Rows, stack
 from gustproof.logs.read.flight_log import CommandUnit
+from gustproof.logs.read.unit_check import check_rates
 from gustproof.types import Array
 
 _HEADER = 64 * 1024  # [bytes] of names
@@ -37,6 +38,7 @@ _COLUMNS = 1000
 _NUMBERS = 12_000_000  # of the columns that are used: eleven minutes of 18 at 1 kHz
 _FEW_DAMAGED = 0.05  # of the rows; of more the first is told
 _LARGEST = 256 * MIB
+_OFTEN, _OVER = 0.95, 1.5  # a quantile of commands without a unit, and what it may reach
 _DEGREE = math.pi / 180.0
 
 _Units = Mapping[str, tuple[float, float]]
@@ -126,14 +128,33 @@ def read_table(path: Path) -> Draft:
         return Rows(position=given, time_us=chosen[:, 0] * time.scale, values=values)
 
     has_torque = signals.get("command", ((), _SHARES))[1] is _TORQUES
+    _check_shares(names, signals, used, numbers)
+    gyro = rows(signals["gyro"][0])
+    check_rates(gyro.values)
     return Draft(
         source=path.name,
         system="csv",
+        names_units=True,
         rows={name: rows(columns) for name, (columns, _) in signals.items()},
         in_air=rows([in_air]) if in_air is not None else None,
         command_unit=CommandUnit.NEWTON_METRES if has_torque else CommandUnit.NORMALISED,
         findings=findings,
     )
+
+
+def _check_shares(
+    names: Sequence[str], signals: Mapping[str, tuple[list[_Column], _Units]], used: Sequence[int], numbers: Array
+) -> None:
+    """Refuse commands without a unit that reach far beyond the full scale of 1 that they then have."""
+    for units, more in ((_SHARES, ("nm",)), (_MOTORS, ("pct", "us", "u16"))):
+        columns = [column for found, each in signals.values() if each is units for column in found]
+        for column in (column for column in columns if (column.scale, column.zero) == _SHARES[""]):
+            values = np.abs(numbers[:, used.index(column.place)])
+            most = float(np.nanquantile(values, _OFTEN)) if not np.isnan(values).all() else 0.0
+            if most > _OVER:
+                name = sanitize_line(names[column.place])
+                ways = ", ".join(f"{name}_{unit}" for unit in more)
+                raise ValueError(f"column '{name}' has no unit, then 1 is full; it reaches {most:.4g}: name it {ways}")
 
 
 def check_size(file: IO[bytes]) -> None:
@@ -179,6 +200,11 @@ def _find_time(names: Sequence[str]) -> _Column:
     time = _find(names, ("time", "t", "timestamp"), _TIMES)
     if time is not None:
         return time
+    if "timestamp" in names and "gyro_x" in names:
+        raise ValueError(
+            "a column 'timestamp' without a unit: if it is of the Crazyflie's client, name it time_ms, and gyro.x, "
+            "-gyro.y, -gyro.z p_dps, q_dps, r_dps"
+        )
     if "timestamp" in names:
         raise ValueError("a column 'timestamp' without a unit: if it is of PX4's ulog2csv, give the .ulg")
     raise ValueError("no column time_s (or time_ms, time_us, time_ns)")

@@ -23,7 +23,7 @@ from firmware_model.autopilot.parameters import TORQUE_LIMIT_NAMES
 from firmware_model.mavlink.frames import Frame, parse
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest, longest_piece
 from gustproof.logs.read.flight_log import CommandUnit
-from gustproof.logs.read.pulses import motor_commands
+from gustproof.logs.read.pulses import describe_pulses, motor_commands
 from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.logs.read.stamps import usual_step
 from gustproof.types import Array
@@ -193,6 +193,8 @@ def read_tlog(path: Path) -> Draft:
         draft.findings.append(f"file: {parser.damaged:,} bytes are no frames: left out")
     if left:
         draft.findings.append(f"file: it ends within a frame, {left:,} bytes of it are there")
+    if "motors" in samples:
+        draft.findings += describe_pulses(parameters.values)
     draft.findings += parameters.findings()
     return draft
 

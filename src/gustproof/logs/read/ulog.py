@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from firmware_model.config.gyro_filters import MOST_ROTORS, PX4_BY_ROTORS
 from gustproof.logs.read.assemble import Draft, LoggedParameters, Rows, euler_angles, fastest
-from gustproof.logs.read.pulses import output_commands
+from gustproof.logs.read.pulses import describe_outputs, output_commands
 from gustproof.logs.read.sample_store import SampleStore, read_blocks
 from gustproof.types import Array
 
@@ -301,6 +301,8 @@ def read_ulog(path: Path) -> Draft:
             found = [*_fifo(parser), *_centre_gyro(parser, found)]
         if found:
             draft.rows[signal] = fastest(found) if signal == "gyro" else found[0]
+    if "motors" in draft.rows and (outputs := _outputs(parser)) is not None:
+        draft.findings.append(describe_outputs(outputs))
     if (rotors := _rotors(parser)) is not None:
         draft.notches = {"IMU_GYRO_DNF": rotors}
     draft.findings += [*_findings(parser, left), *_correct_rate(parser)]
@@ -349,6 +351,12 @@ def _fifo(parser: _Parser) -> Iterator[Rows]:
     values = np.stack([table[axis] * table["scale"].astype(np.float64) for axis in "xyz"], axis=-1)
     time_us = _stamps(table, _SAMPLE)[:, np.newaxis] - age
     yield Rows(position=np.repeat(places, count), time_us=time_us[taken], values=values[taken], is_raw=True)
+
+
+def _outputs(parser: _Parser) -> Array | None:
+    """Return the outputs (n, 4) that tell the motors' commands; `None` if these are logged themselves."""
+    own, outputs = (parser.topic(source.topic, source.fields) for source in _SIGNALS["motors"])
+    return None if own is not None or outputs is None else outputs[1]["output"][:, :4].astype(np.float64)
 
 
 def _rotors(parser: _Parser) -> Rows | None:

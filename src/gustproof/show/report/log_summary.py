@@ -11,7 +11,7 @@ from rich.text import Text
 from firmware_model.types import AXES
 from gustproof.logs.identify.stretches import sample_time
 from gustproof.logs.read.assemble import SIGNALS
-from gustproof.logs.read.flight_log import FlightLog
+from gustproof.logs.read.flight_log import FlightLog, assumptions
 from gustproof.show.report.judgement import title
 from gustproof.show.report.terminal import Renderable, warning_lines
 from gustproof.show.report.vehicle_numbers import identification_document, number_rows
@@ -34,6 +34,7 @@ def summary(flight: LoggedFlight, *, has_verdict: bool = False) -> Iterator[str]
         yield from (f"- {reason}" for reason in (flight.judgement.reasons if flight.judgement else ()))
     length, parameters = log.gyro.time[-1] - log.gyro.time[0], len(log.parameters)
     yield f"flight: {log.system}, {length:.0f} s of log, {log.aloft:.0f} s in the air, parameters: {parameters}"
+    yield from assumptions(log.findings)
     if flight.judgement is not None:
         yield f"judged on the vehicle that this log shows; {NO_MASS}"
         if doubt := contradiction(flight.log, flight.judgement):
@@ -113,8 +114,12 @@ def _vehicle_table(flight: LoggedFlight) -> tuple[Sequence[str], Sequence[Sequen
 
 def doubts(flight: LoggedFlight) -> tuple[str, ...]:
     """Return the doubts on log and vehicle, a line each; what `no_judgement` has said is not said again."""
-    told = flight.no_judgement
-    return tuple(line for line in _findings(flight) if line.removeprefix(f"{flight.log.source}: ") not in told)
+    told = (flight.no_judgement, *assumptions(flight.log.findings))
+    return tuple(
+        line
+        for line in _findings(flight)
+        if line not in told and line.removeprefix(f"{flight.log.source}: ") not in told[0]
+    )
 
 
 def _findings(flight: LoggedFlight) -> tuple[str, ...]:

@@ -6,11 +6,13 @@ from typing import Any
 
 from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from firmware_model.types import AXES
 from gustproof.logs.identify.air import IdentifiedAir
 from gustproof.logs.identify.identification import AxisEstimate, Interval
 from gustproof.logs.identify.shown_vehicle import ShownVehicle
+from gustproof.logs.read.flight_log import assumptions
 from gustproof.show.report.terminal import Renderable, warning_lines
 
 
@@ -98,11 +100,13 @@ def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
 
 
 def render_identification(shown: ShownVehicle) -> Renderable:
-    """Return the numbers as a table, with 95 % intervals, and findings as warnings."""
+    """Return the numbers as a table, with 95 % intervals, and findings as warnings; what is taken for granted first."""
     table = Table("95 % intervals in brackets", *AXES, title=f"Vehicle of {shown.identification.source}")
     for row in number_rows(shown):
         table.add_row(*row)
-    return Group(table, *warning_lines(shown.findings))
+    taken = assumptions(shown.findings)
+    others = [line for line in shown.findings if line not in taken]
+    return Group(*map(Text, taken), table, *warning_lines(others))
 
 
 def _format_interval(interval: Interval | None, scale: float = 1.0, *, least: float = -math.inf) -> str:

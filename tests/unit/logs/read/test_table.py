@@ -41,7 +41,7 @@ def test_read_log_of_a_table_takes_columns_by_name_and_unit(tmp_path: Path, flow
 UNITS = {
     "gyro": ("p_{}", {"radps": 1.0, "rad_s": 1.0, "rad_per_s": 1.0}, {"dps": 1.0, "degps": 1.0, "deg_s": 1.0}),
     "motors": ("m1_{}", {"": 0.25, "pct": 25.0, "us": 1250.0, "pwm": 1250.0, "u16": 65535.0 / 4.0}),
-    "accelerometer": ("ax_{}", {"mps2": 9.80665, "m_s2": 9.80665, "m_s_2": 9.80665, "g": 1.0}),
+    "accelerometer": ("ax_{}", {"mps2": -9.80665, "m_s2": -9.80665, "m_s_2": -9.80665, "g": -1.0}),
     "attitude": ("roll_{}", {"rad": 1.0}, {"deg": 1.0}),
     "command": ("roll_cmd_{}", {"": 0.5, "nm": 0.5, "n_m": 0.5}),
 }
@@ -64,7 +64,7 @@ def test_read_log_of_a_table_gives_the_same_number_in_each_unit(tmp_path: Path, 
             log = read_log(write(tmp_path / "log.csv", ",".join(("time_s", *columns)), rows))
             found[-1].append(float(getattr(log, signal).values[0, 0]))
     first, *degrees = (set(np.round(each, 6)) for each in found)
-    assert first == {{"motors": 0.25, "accelerometer": 9.80665, "command": 0.5}.get(signal, 1.0)}
+    assert first == {{"motors": 0.25, "accelerometer": -9.80665, "command": 0.5}.get(signal, 1.0)}
     assert all(each == {round(math.pi / 180.0, 6)} for each in degrees)
 
 
@@ -103,6 +103,7 @@ def test_read_log_of_a_table_leaves_out_empty_cells(tmp_path: Path) -> None:
         ("time_s,p_dps,q_dps,x", "gyro: a column is missing: r_radps, "),
         ("time_s,p_dps,q,r_dps", "column 'q' does not say its unit: name it one of q_radps, "),
         ("time,p_dps,q_dps,r_dps", "no column time_s"),
+        ("Timestamp,gyro.x,gyro.y,gyro.z", "a column 'timestamp' without a unit: if it is of the Crazyflie's client, "),
     ],
 )
 def test_read_log_of_a_table_names_the_missing_column(
@@ -129,6 +130,65 @@ def test_read_log_of_a_table_names_the_bad_cell(tmp_path: Path, text: str, fault
     with pytest.raises(ConfigError) as told:
         read_log(path)
     assert str(told.value) == f"{path}: {fault}"
+
+
+def turning(seconds: float = 8.0) -> np.ndarray:
+    """Return time [s], rates [rad/s], attitude [rad] and specific force [m/s^2] of a vehicle that rolls and pitches."""
+    time = np.arange(0.0, seconds, 0.004)
+    angles = np.column_stack([0.3 * np.sin(4.0 * time), 0.2 * np.sin(3.0 * time), 0.0 * time])
+    rates = np.column_stack([1.2 * np.cos(4.0 * time), *(np.zeros_like(time),) * 2])
+    pitching = 0.6 * np.cos(3.0 * time)
+    rates[:, 1], rates[:, 2] = np.cos(angles[:, 0]) * pitching, -np.sin(angles[:, 0]) * pitching
+    return np.column_stack([time, rates, angles, 0.0 * rates[:, :2], np.full_like(time, -9.8)])
+
+
+NAMES = "{time},p_{rate},q_{rate},r_{rate},roll_{angle},pitch_{angle},yaw_{angle},ax_{force},ay_{force},az_{force}"
+RIGHT = {"time": "time_s", "rate": "radps", "angle": "rad", "force": "mps2"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "signs", "fault"),
+    [
+        ({}, {}, ""),
+        ({"rate": "dps"}, {}, "gyro and attitude contradict: 0.0174 times the rate"),
+        ({"angle": "deg"}, {}, "gyro and attitude contradict: 56.6 times the rate"),
+        ({"time": "t_ms"}, {}, "gyro: 2.5e+05 samples a second: is time in another unit?"),
+        ({"force": "g"}, {}, "accelerometer: 96.1 m/s^2 in the median"),
+        ({}, {9: -1.0}, "accelerometer: its z axis is up"),
+        ({}, {2: -1.0}, "gyro and attitude contradict: pitch of opposite sign"),
+        ({}, {2: -1.0, 5: -1.0}, ""),
+        ({}, dict.fromkeys((1, 2, 3), 180.0 / math.pi), "gyro and attitude contradict: 57.3 times the rate"),
+        ({}, dict.fromkeys((1, 2, 3), 6000.0 / math.pi), "gyro: beyond 4,000 deg/s"),
+    ],
+)
+def test_read_log_of_a_table_refuses_units_and_axes_that_contradict_it(
+    tmp_path: Path, wrong: dict[str, str], signs: dict[int, float], fault: str
+) -> None:
+    rows = turning()
+    for column, factor in signs.items():
+        rows[:, column] *= factor
+    path = write(tmp_path / "log.csv", NAMES.format(**RIGHT | wrong), rows)
+    if not fault:
+        assert read_log(path).attitude is not None
+        return
+    with pytest.raises(ConfigError) as told:
+        read_log(path)
+    assert str(told.value).startswith(f"{path}: {fault}")
+
+
+@pytest.mark.parametrize(("name", "full"), [("roll_cmd", "roll_cmd_nm"), ("m1", "m1_pct, m1_us, m1_u16")])
+def test_read_log_of_a_table_refuses_commands_beyond_full_scale(
+    tmp_path: Path, flown: np.ndarray, name: str, full: str
+) -> None:
+    others = "" if name == "m1" else ",pitch_cmd,yaw_cmd"
+    header = f"time_s,p_dps,q_dps,r_dps,{name}{others}"
+    command = np.abs(flown[:, 1:2]) * np.ones((1, header.count(",") - 3))
+    assert read_log(write(tmp_path / "log.csv", header, np.hstack([flown, command]))).gyro.values.any()
+    path = write(tmp_path / "log.csv", header, np.hstack([flown, 500.0 * command]))
+    with pytest.raises(
+        ConfigError, match=f"column '{name}' has no unit, then 1 is full; it reaches .*: name it {full}$"
+    ):
+        read_log(path)
 
 
 def test_read_log_of_a_table_leaves_out_a_few_damaged_rows(tmp_path: Path, flown: np.ndarray) -> None:
