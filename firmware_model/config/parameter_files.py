@@ -21,7 +21,8 @@ _SCRIPT = re.compile(r"\s*(param\s+set|#!|\. \$\{R\})")  # begins lines of PX4's
 _CLASS = re.compile(r"\s*\.\s.*\brc\.(?!mc_|vtol_)(\w+)_defaults\b")
 _SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
 _AIRFRAME = re.compile(r"\d{3,6}_[^.]+(\.hil)?")  # names of PX4's airframe files, by their number
-_MOST_INCLUDES = 32
+_MOST_INCLUDES, _FEW = 32, 4
+_TWICE = "given twice, the last counts"
 SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of parameter files."""
 GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
@@ -43,8 +44,9 @@ def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str]
     `param show` in PX4's shell, and `param set-default` in its airframe files. A number sign begins a comment, and
     `@include` names a file beside this one. Hexadecimal numbers become decimal.
 
-    `remarks` takes what can't be read: other lines of a script, and files that are included but not there. Without it
-    such a line is refused.
+    Of a name that stands there twice the last value counts, as a ground station loads it. `remarks` takes this, and
+    what can't be read: other lines of a script, and files that are included but not there. Without it such a line is
+    refused.
 
     Raises
     ------
@@ -56,7 +58,22 @@ def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str]
         path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
     reader = _Reader(remarks)
     reader.read(path)
+    if remarks is not None:
+        remarks += reader.describe_repeated()
     return reader.values
+
+
+def repeated_parameters(name_or_path: str | Path, autopilot: str) -> list[str]:
+    """Return a line on the parameters that stand more than once in a file with different values, see `read_parameters`.
+
+    Raises
+    ------
+    ConfigError
+        As `read_parameters` does.
+    """
+    remarks = list[str]()
+    read_parameters(name_or_path, autopilot, remarks)
+    return [line for line in remarks if _TWICE in line]
 
 
 class _Reader:
@@ -64,6 +81,8 @@ class _Reader:
 
     def __init__(self, remarks: list[str] | None) -> None:
         self.values: dict[str, str] = {}
+        self._places: dict[str, str] = {}
+        self._repeated: dict[str, str] = {}
         self._remarks, self._included = remarks, 0
 
     def read(self, path: Path) -> None:
@@ -77,11 +96,26 @@ class _Reader:
             if words[:1] == ["@include"]:
                 self._include(path, " ".join(words[1:]), number)
             elif len(words) == 2 and _NAME.fullmatch(words[0]) and _NUMBER.fullmatch(words[1]):
-                self.values[words[0]] = words[1]
+                self._take(words[0], words[1], f"{path.name} line {number}")
             elif words:
                 others.append(f"line {number}: '{sanitize_line(line)}'")
         if others:
             self._tell(path, others, is_script=any(map(_SCRIPT.match, lines)))
+
+    def _take(self, name: str, value: str, place: str) -> None:
+        """Take a value; the last one of a name counts."""
+        before = self.values.get(name, value)
+        if float(before) != float(value):
+            self._repeated[name] = f"{name} {before} in {self._places[name]}, {value} in {place}"
+        self.values[name], self._places[name] = value, place
+
+    def describe_repeated(self) -> list[str]:
+        """Return a line on names with different values."""
+        if not self._repeated:
+            return []
+        first, more = [*self._repeated.values()][:_FEW], len(self._repeated) - _FEW
+        others = f" and {more} others" if more > 0 else ""
+        return [f"{'; '.join(first)}{others}: {_TWICE}, as a ground station loads it"]
 
     def _tell(self, path: Path, others: list[str], *, is_script: bool) -> None:
         """Remark on lines that are no parameters, or refuse them."""

@@ -13,7 +13,7 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
 from gustproof.cli.flights import tell_rate
-from gustproof.cli.laws import find_law
+from gustproof.cli.laws import find_law, warn_of_repeated
 from gustproof.cli.options import (
     AsJson,
     Force,
@@ -110,6 +110,8 @@ def compare(
             if EQUAL in sets:
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
+            for each in sets:
+                warn_of_repeated(each, autopilot)
             predicted = _predict(named, first, airframe, scripts)
         _add_laws(named, laws, asked=law is not None)
         rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown, predicted)

@@ -14,6 +14,7 @@ import typer
 
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus, exit_with
+from gustproof.cli.laws import warn_of_repeated
 from gustproof.cli.options import COMPILING, print_json, print_next, progress, refuse_given, working
 
 if TYPE_CHECKING:
@@ -316,6 +317,7 @@ def choose_autopilot(
     from gustproof.flight.routes.external import ExternalAutopilot
 
     refuse_given(context, ("controller",), "--autopilot flies")
+    warn_of_repeated(params, kind)
     return ExternalAutopilot(kind=kind, build=build, parameters=params, law=law or "", instance=instance)
 
 

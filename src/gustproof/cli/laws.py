@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,6 +81,15 @@ def tell_remarks(name: str, remarks: Iterable[str]) -> None:
     """Print on stderr what the law of that name lacks of the loops that it stands for."""
     for remark in remarks:
         print(f"{name}: {printable(remark)}", file=sys.stderr)
+
+
+def warn_of_repeated(params: str, kind: str) -> None:
+    """Print a warning on parameters that a file gives twice with different values; a wrong file is refused later."""
+    from firmware_model.config.parameter_files import repeated_parameters
+
+    with suppress(ConfigError):
+        for line in repeated_parameters(params, kind) if params else ():
+            print(f"gustproof: warning: {printable(line)}", file=sys.stderr)
 
 
 def find_law_vehicle(law: str, vehicle: str | None) -> str:

@@ -194,7 +194,7 @@ def _tune_autopilot(
     from gustproof.show.report.terminal import show
     from gustproof.studies.logged_flight import refutation
     from gustproof.studies.rate.filter_tuning import tune_flown
-    from gustproof.studies.rate.tuning_steps import describe_choice, first_flyable, plan_steps
+    from gustproof.studies.rate.tuning_steps import describe_choice, describe_filters, first_flyable, plan_steps
 
     limit = wanted_slew(vehicles.nominal, script, slew, ms)
     with progress(f"tuning {start.kind}", quiet=as_json) as shown:
@@ -223,6 +223,7 @@ def _tune_autopilot(
         remarks.append(
             "the gains that flew are unstable by the model: are they those of the file, and is it the vehicle?"
         )
+    remarks += describe_filters(steps, at)
     if not at_once:
         remarks += describe_choice(steps, at)
     tell_remarks(written.law.name, remarks)

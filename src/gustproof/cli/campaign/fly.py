@@ -20,7 +20,7 @@ from gustproof.cli.campaign.plan import (
 )
 from gustproof.cli.failures import ExitStatus, exit_with
 from gustproof.cli.flights import tell_rate
-from gustproof.cli.laws import default_law, find_law, on_vehicle
+from gustproof.cli.laws import default_law, find_law, on_vehicle, warn_of_repeated
 from gustproof.cli.options import (
     COMPILING,
     SEED,
@@ -132,6 +132,7 @@ def _find_controllers(
     )
     if autopilot is None:
         return found
+    warn_of_repeated(params, autopilot)
     flown = ExternalAutopilot(kind=autopilot, build=build, parameters=params)
     check_external(script, autopilot)
     tell_rate(script, autopilot)

@@ -170,6 +170,10 @@ ARDUPILOT = AutopilotLoops(
     gains=r"ATC_(ANG_(RLL|PIT|YAW)_P|RAT_(RLL|PIT|YAW)_[PID])",
     filters=r"INS_GYRO_FILTER|INS_HNTC(H|2)_ENABLE",
     strangers=_STRANGERS,
+    renamed={
+        r"INS_NOTCH_\w+": "INS_HNTC2_… since Copter 4.2",
+        r"ATC_RAT_(RLL|PIT|YAW)_FILT": "ATC_RAT_…_FLTD, or FLTE for yaw, since Copter 4.0",
+    },
     others=_OTHERS,
     hovers=r"Q_A_(RAT|ANG)_\w+",
     classes={

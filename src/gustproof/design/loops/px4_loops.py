@@ -156,6 +156,10 @@ PX4 = AutopilotLoops(
     gains=_GAINS,
     filters=r"IMU_D?GYRO_CUTOFF|IMU_GYRO_NF[01]_FRQ",
     strangers={},
+    renamed={
+        r"IMU_GYRO_NF_(FREQ|BW)": "IMU_GYRO_NF0_FRQ and _BW since PX4 1.13",
+        "MC_DTERM_CUTOFF": "IMU_DGYRO_CUTOFF since PX4 1.11",
+    },
     others={r"FW_[RPY]R_\w+": "plane", r"(GND|RD|RA|RM|RO)_\w+": "rover", r"UUV_\w+": "submarine"},
     hovers=_GAINS,
     classes={"CA_AIRFRAME": _CLASSES, "MAV_TYPE": _TYPES},

@@ -87,6 +87,8 @@ class AutopilotLoops(NamedTuple):
     """Regular expression of the filters that are named where they are at their defaults."""
     strangers: Mapping[str, str]
     """Regular expressions of names whose gains are others than those above, and what is said of them."""
+    renamed: Mapping[str, str]
+    """Regular expressions of old spellings, which are not read, and the names that they have now."""
     others: Mapping[str, str]
     """Regular expressions of names that another class of vehicle has, and the class."""
     hovers: str

@@ -1,13 +1,14 @@
 """Steps from the gains that an autopilot flies to those of a tuning: none more than a pilot can feel and take back."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from firmware_model.config.firmware import guessed_axes
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.uncertainty import VehicleSet
-from firmware_model.types import Vector
+from firmware_model.types import AXES, Vector
 from gustproof.airframe.hover import hover_plant, loop_law
 from gustproof.airframe.predict import predict
 from gustproof.design.autopilot_gains import AutopilotTuning
@@ -21,6 +22,11 @@ from gustproof.studies.rate.flight_error import flight_errors
 from gustproof.studies.rate.judge import MOST_SLEW, NOMINAL_PEAK, SPREAD_PEAK, scenario_for, whole_slew
 from gustproof.studies.rate.plant_box import plant_box
 
+_LOW_PASS = re.compile(r"\w+(_CUTOFF|_FLT[TED]|_GYRO_FILTER)")
+_IN_LOOP = re.compile(r"MC_(YAW)_TQ_CUTOFF|ATC_RAT_(RLL|PIT|YAW)_FLTE")
+"""Filters of the first order that the whole torque of an axis passes."""
+_OPEN = 0.25
+"""[-] of the loops' rate: a low-pass of such a corner is next to one that is off."""
 MOST_GAIN = 1.5
 """[-] most by which a step multiplies or divides a gain or a corner."""
 
@@ -35,6 +41,8 @@ class TuningStep:
     """Worst margins of the axes with the nominal vehicle; `None` as before."""
     flight_rmse: Vector | None = None
     """[rad] error of roll, pitch and yaw in the logged flight, measured or with these gains; `None` if not told."""
+    crossovers: Vector | None = None
+    """[rad/s] of roll, pitch and yaw with the nominal vehicle; `None` if unstable."""
 
 
 def plan_steps(
@@ -43,9 +51,9 @@ def plan_steps(
     """Return the gains that are `flown`, as step 0, and those of each step to a tuning.
 
     Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
-    more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. What the tuning sets to 0, such as a filter, and
-    its notches are as there from step 1 on. Where the first that may be flown is a later one, step 1 lowers gains as
-    far as that, or one behind it. If that may be flown, the others follow from there.
+    more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. A low-pass that is to be off opens as slowly, and
+    is off at the end. The notches of the tuning are as there from step 1 on. Where the first that may be flown is a
+    later one, step 1 lowers gains as far as that, or one behind it. If that may be flown, the others follow from there.
     """
     now = dict(flown.provenance.parameters)
     steps = _go(tuning, _assess(tuning, flown, now, vehicles, scenario), now, vehicles, scenario)
@@ -65,14 +73,20 @@ def _go(
 ) -> list[TuningStep]:
     """Return the step at which the parameters are `now`, and those from there to the tuning."""
     goal = {name: value for name, value in tuning.parameters.items() if name in now}
-    moved = {name: (now[name], value) for name, value in goal.items() if value > 0.0}
-    pairs = [(_whole_gain(now, name), _whole_gain(goal, name)) for name in moved if not name.endswith("_K")]
-    ratios = [max(new / old, old / new) for old, new in pairs if old > 0.0]
+    moved = {name: _ends(name, now[name], value, start.tuning.law.dt) for name, value in goal.items()}
+    moved = {name: ends for name, ends in moved.items() if max(ends) > 0.0}
+    pairs = [
+        ends if _LOW_PASS.fullmatch(name) else (_whole_gain(now, name), _whole_gain(goal, name))
+        for name, ends in moved.items()
+        if not name.endswith("_K")
+    ]
+    ratios = [max(new / old, old / new) for old, new in pairs if old > 0.0 and new > 0.0]
     slew = tuning.slew / start.tuning.slew if math.isfinite(start.tuning.slew) and start.tuning.slew > 0.0 else 1.0
     count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(slew))
     steps = [start]
     for number in range(1, count + 1):
-        values = {**goal, **{name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}}
+        on_the_way = {name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}
+        values = {**goal, **{name: value for name, value in on_the_way.items() if number < count or goal[name]}}
         steps.append(_try(tuning, now, values, start.tuning.law.dt, vehicles, scenario))
     return steps
 
@@ -159,6 +173,32 @@ def _in_flight(steps: list[TuningStep], log: FlightLog, vehicles: VehicleSet, sc
     return [replace(step, flight_rmse=found.get(id(step))) for step in steps]
 
 
+def describe_filters(steps: list[TuningStep], at: int) -> list[str]:
+    """Return a remark on each low-pass of a whole axis that the step `at` changes: its corner, and what it costs."""
+    now, step = steps[0], steps[at]
+    found = []
+    for name, new in step.tuning.parameters.items():
+        match, old = _IN_LOOP.fullmatch(name), now.tuning.parameters.get(name, new)
+        if match is None or old == new or step.crossovers is None:
+            continue
+        axis = ("RLL", "PIT", "YAW").index(match[1] or match[2])
+        omega = step.crossovers[axis]
+        costs = [math.degrees(math.atan(omega / (2.0 * math.pi * each))) if each else 0.0 for each in (old, new)]
+        words = [f"{each:.3g} Hz" if each else "off" for each in (old, new)]
+        found.append(
+            f"{name}: {words[0]} to {words[1]}, where its lag costs {AXES[axis]} {costs[1]:.2g} deg at its crossover, "
+            f"{omega:.3g} rad/s, and {costs[0]:.2g} before; motors that twitch want it back"
+        )
+    return found
+
+
+def _ends(name: str, old: float, new: float, dt: float) -> tuple[float, float]:
+    """Return the ends of a parameter's way: of a low-pass that is off a corner that is next to that."""
+    if not _LOW_PASS.fullmatch(name) or old == new:
+        return old, new
+    return old or max(_OPEN / dt, new), new or max(_OPEN / dt, old)
+
+
 def _whole_gain(values: Mapping[str, float], name: str) -> float:
     """Return a gain times the overall gain K of its loop, if that has one."""
     return values[name] * values.get(f"{name[:-1]}K", 1.0)
@@ -170,7 +210,7 @@ def _slew_steps(ratio: float) -> int:
 
 def _between(name: str, old: float, new: float, share: float, tuning: AutopilotTuning) -> float:
     """Return a parameter on the way, a whole number where the autopilot keeps those."""
-    value = share * new if old == 0.0 else old ** (1.0 - share) * new**share
+    value = (1.0 - share) * old + share * new if 0.0 in (old, new) else old ** (1.0 - share) * new**share
     return float(round(value)) if name in AUTOPILOTS[tuning.kind].whole else float(f"{value:.5g}")
 
 
@@ -196,4 +236,5 @@ def _assess(
     peaks = [input_peaks(hover_plant(each, script), K) for each in corners]
     corner = max(nominal.Ms, *(each[k] for each in peaks for k in free))
     measured = replace(own, rmse=found.rmse, seen_rmse=found.seen_rmse, slew=slew, Ms=nominal.Ms, corner_Ms=corner)
-    return TuningStep(tuning=measured, margins=nominal)
+    roll, pitch, yaw = (loop.crossover for loop in loops)
+    return TuningStep(tuning=measured, margins=nominal, crossovers=(roll, pitch, yaw))

@@ -275,7 +275,8 @@ def test_forms_that_users_bring_are_read(tmp_path: Path, text: str, names: int) 
     assert any("not run" in each for each in remarks) == ("set-default" in text)
     assert any("its parameters are missing" in each for each in remarks) == ("none.parm" in text)
     assert tuple(remarks) == read_autopilot_law(path, VEHICLE).remarks[: len(remarks)]
-    if remarks:
+    assert any("given twice" in each for each in remarks) == ("more.parm" in text)
+    if any("given twice" not in each for each in remarks):
         with pytest.raises(ConfigError):
             read_parameters(path, "")
 
@@ -539,3 +540,19 @@ def test_ardupilot_scales_each_axis_of_a_frame_to_one_half(angles, spin, roll_pi
 def test_rotors_that_are_no_frame_of_ardupilot_are_refused(angles, spin):
     with pytest.raises(ConfigError, match="evenly around it"):
         ardupilot_full_torque(frame(angles, spin))
+
+
+@pytest.mark.parametrize(
+    ("name", "gain", "told"),
+    [
+        ("IMU_GYRO_NF_FREQ", "MC_ROLLRATE_P", "not read, an old spelling of IMU_GYRO_NF0_FRQ and _BW since PX4 1.13"),
+        ("INS_NOTCH_FREQ", "ATC_RAT_RLL_P", "not read, an old spelling of INS_HNTC2_… since Copter 4.2"),
+    ],
+)
+def test_an_old_spelling_and_a_gain_given_twice_are_told(tmp_path: Path, name: str, gain: str, told: str) -> None:
+    path = tmp_path / "old.params"
+    path.write_text(f"{gain} 0.1\n{name} 60\n{gain} 0.15\n")
+    remarks = read_autopilot_law(path, load_vehicle("iris")).remarks
+    assert f"{name}: {told}" in remarks
+    assert not any(line.startswith("not known") for line in remarks)
+    assert remarks[0].startswith(f"{gain} 0.1 in old.params line 1, 0.15 in old.params line 3: given twice")

@@ -1,5 +1,6 @@
 """Steps from flown gains to a tuning: what each may change, and what is loaded is what was promised."""
 
+import itertools
 import math
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from gustproof.studies.rate.tuning_steps import (
     TuningStep,
     _go,
     describe_choice,
+    describe_filters,
     first_flyable,
     is_sound,
     plan_steps,
@@ -32,7 +34,13 @@ from gustproof.studies.rate.tuning_steps import (
 
 AIR, IRIS = load_scenario("paper-turbulence"), load_vehicle_set("iris")
 FLOWN = {
-    "px4": {"MC_ROLLRATE_P": 0.1, "MC_ROLLRATE_I": 0.05, "MC_YAWRATE_K": 1.5, "IMU_GYRO_NF0_FRQ": 60.0},
+    "px4": {
+        "MC_ROLLRATE_P": 0.1,
+        "MC_ROLLRATE_I": 0.05,
+        "MC_YAWRATE_K": 1.5,
+        "IMU_GYRO_NF0_FRQ": 60.0,
+        "MC_YAW_TQ_CUTOFF": 10.0,
+    },
     "ardupilot": {"ATC_RAT_RLL_P": 0.05, "INS_GYRO_FILTER": 20.0, "SCHED_LOOP_RATE": 800.0, "FRAME_CLASS": 1.0},
 }
 
@@ -55,6 +63,13 @@ def test_no_step_changes_more_than_a_pilot_can_feel_and_each_loads_as_promised(k
                 whole = [each[name] * each.get(f"{name[:-1]}K", 1.0) for each in (old, new)]
                 limit = MOST_GAIN * (1.0 + (0.5 / new[name] if name == "INS_GYRO_FILTER" else 1e-3))
                 assert name.endswith("_K") or 1.0 / limit < whole[1] / whole[0] < limit, name
+    low_pass = {"px4": "MC_YAW_TQ_CUTOFF", "ardupilot": "ATC_RAT_YAW_FLTE"}[kind]
+    corners = [each.tuning.parameters[low_pass] for each in (now, *steps)]
+    assert corners[-1] == 0.0
+    assert all(1.0 < new / old < 1.001 * MOST_GAIN for old, new in itertools.pairwise(corners[:-1]))
+    assert corners[-2] * MOST_GAIN > 0.24 / flown.dt  # next to off
+    (told,) = describe_filters([now, *steps], 1)
+    assert told.startswith(f"{low_pass}: {corners[0]:.3g} Hz to {corners[1]:.3g} Hz, where its lag costs yaw ")
     save_tuning(steps[0].tuning, IRIS.nominal, tmp_path / "step.params")
     mine = tmp_path / "mine.params"
     write_parameters({name: f"{value:g}" for name, value in FLOWN[kind].items()}, mine, GROUND_STATION_FORMS[kind])
