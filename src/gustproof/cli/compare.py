@@ -110,8 +110,7 @@ def compare(
             if EQUAL in sets:
                 shown(0.0, "gains at an equal price")
                 _write_equal(autopilot, first, vehicle, scripts, equal)
-            for each in sets:
-                warn_of_repeated(each, autopilot)
+            warn_of_repeated(sets, autopilot)
             predicted = _predict(named, first, airframe, scripts)
         _add_laws(named, laws, asked=law is not None)
         rows = fly_all(scripts, airframe, named, range(1, runs + 1), shown, predicted)

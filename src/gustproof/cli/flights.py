@@ -317,7 +317,7 @@ def choose_autopilot(
     from gustproof.flight.routes.external import ExternalAutopilot
 
     refuse_given(context, ("controller",), "--autopilot flies")
-    warn_of_repeated(params, kind)
+    warn_of_repeated([params], kind)
     return ExternalAutopilot(kind=kind, build=build, parameters=params, law=law or "", instance=instance)
 
 

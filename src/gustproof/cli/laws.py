@@ -83,13 +83,14 @@ def tell_remarks(name: str, remarks: Iterable[str]) -> None:
         print(f"{name}: {printable(remark)}", file=sys.stderr)
 
 
-def warn_of_repeated(params: str, kind: str) -> None:
+def warn_of_repeated(files: Iterable[str], kind: str) -> None:
     """Print a warning on parameters that a file gives twice with different values; a wrong file is refused later."""
     from firmware_model.config.parameter_files import repeated_parameters
 
-    with suppress(ConfigError):
-        for line in repeated_parameters(params, kind) if params else ():
-            print(f"gustproof: warning: {printable(line)}", file=sys.stderr)
+    for name in filter(None, files):
+        with suppress(ConfigError):
+            for line in repeated_parameters(name, kind):
+                print(f"gustproof: warning: {printable(line)}", file=sys.stderr)
 
 
 def find_law_vehicle(law: str, vehicle: str | None) -> str:

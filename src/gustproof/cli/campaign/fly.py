@@ -132,7 +132,7 @@ def _find_controllers(
     )
     if autopilot is None:
         return found
-    warn_of_repeated(params, autopilot)
+    warn_of_repeated([params], autopilot)
     flown = ExternalAutopilot(kind=autopilot, build=build, parameters=params)
     check_external(script, autopilot)
     tell_rate(script, autopilot)

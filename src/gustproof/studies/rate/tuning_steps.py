@@ -73,14 +73,7 @@ def _go(
 ) -> list[TuningStep]:
     """Return the step at which the parameters are `now`, and those from there to the tuning."""
     goal = {name: value for name, value in tuning.parameters.items() if name in now}
-    moved = {name: _ends(name, now[name], value, start.tuning.law.dt) for name, value in goal.items()}
-    moved = {name: ends for name, ends in moved.items() if max(ends) > 0.0}
-    pairs = [
-        ends if _LOW_PASS.fullmatch(name) else (_whole_gain(now, name), _whole_gain(goal, name))
-        for name, ends in moved.items()
-        if not name.endswith("_K")
-    ]
-    ratios = [max(new / old, old / new) for old, new in pairs if old > 0.0 and new > 0.0]
+    moved, ratios = _ways(now, goal, start.tuning.law.dt)
     slew = tuning.slew / start.tuning.slew if math.isfinite(start.tuning.slew) and start.tuning.slew > 0.0 else 1.0
     count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(slew))
     steps = [start]
@@ -190,6 +183,20 @@ def describe_filters(steps: list[TuningStep], at: int) -> list[str]:
             f"{omega:.3g} rad/s, and {costs[0]:.2g} before; motors that twitch want it back"
         )
     return found
+
+
+def _ways(
+    now: Mapping[str, float], goal: Mapping[str, float], dt: float
+) -> tuple[dict[str, tuple[float, float]], list[float]]:
+    """Return the ends of each parameter that moves, and the ratios of those that must not move by more at once."""
+    ends = {name: _ends(name, now[name], value, dt) for name, value in goal.items()}
+    moved, ratios = {name: each for name, each in ends.items() if max(each) > 0.0}, list[float]()
+    for name, each in moved.items():
+        is_filter = _LOW_PASS.fullmatch(name) is not None
+        old, new = each if is_filter else (_whole_gain(now, name), _whole_gain(goal, name))
+        if min(old, new) > 0.0 and not name.endswith("_K"):
+            ratios.append(max(new / old, old / new))
+    return moved, ratios
 
 
 def _ends(name: str, old: float, new: float, dt: float) -> tuple[float, float]:

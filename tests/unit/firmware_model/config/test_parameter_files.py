@@ -3,9 +3,10 @@ from pathlib import Path
 import pytest
 
 from firmware_model.config.parameter_files import read_parameters, repeated_parameters
+from gustproof.cli.laws import warn_of_repeated
 
 
-def test_the_last_of_a_name_given_twice_counts_and_is_told(tmp_path: Path) -> None:
+def test_the_last_of_a_name_given_twice_counts_and_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.param"
     path.write_text("ATC_RAT_RLL_P 0.1\n@include b.parm\nATC_RAT_RLL_P,0.3\nATC_RAT_PIT_P 0.2\nATC_RAT_PIT_P 0.20\n")
     (tmp_path / "b.parm").write_text("# a comment\nATC_RAT_YAW_P 0.2\nATC_RAT_RLL_P 0.2\n")
@@ -16,6 +17,8 @@ def test_the_last_of_a_name_given_twice_counts_and_is_told(tmp_path: Path) -> No
         "loads it"
     ]
     assert repeated_parameters(path, "ardupilot") == remarks
+    warn_of_repeated(["", "none.param", str(path)], "ardupilot")
+    assert capsys.readouterr().err == f"gustproof: warning: {remarks[0]}\n"
     path.write_text("@include b.parm\nATC_RAT_PIT_P 0.2\n")
     assert repeated_parameters(path, "ardupilot") == []
 
