@@ -216,9 +216,9 @@ def _tune_autopilot(
         return
     show(render_steps(steps, at))
     print(filters)
-    spread = f"{written.Ms:.2f}, {written.corner_Ms:.2f} over the file's spreads"
     remarks = [f"{AXES[axis]}: its gains stay as they fly" for axis in guessed_axes(vehicles.nominal)]
     remarks += written.outside_ranges()
+    peaks = written.describe_peaks(vehicles.nominal)
     if steps[0].margins is None:
         remarks.append(
             "the gains that flew are unstable by the model: are they those of the file, and is it the vehicle?"
@@ -227,6 +227,6 @@ def _tune_autopilot(
     if not at_once:
         remarks += describe_choice(steps, at)
     tell_remarks(written.law.name, remarks)
-    print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, Ms {spread}")
+    print(f"predicted in {script.name}: {written.describe_error()}, torque slew {written.slew:.3g} N m/s, {peaks}")
     if output is not None:
         print(f"parameters in {output}: step {at} of {len(steps) - 1}")

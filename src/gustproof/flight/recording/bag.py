@@ -183,6 +183,8 @@ def _refused(path: Path) -> Iterator[None]:
         yield
     except ConfigError:
         raise
+    except KeyError:  # of a channel or a schema that no record defines: its text would be a number
+        raise ConfigError(f"{path}: it is damaged: a message of no channel that it defines") from None
     except Exception as error:  # readers raise anything at a damaged file
         reason = sanitize_line(" ".join(str(error).split())) or type(error).__name__
         raise ConfigError(f"{path}: {reason}") from None

@@ -58,6 +58,7 @@ _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it mea
 _ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
 _GUESSED = 0.4  # share of the quick commands filled in, below which the log's rate is to blame
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
+_TRADED = 0.5  # spread of a gain over the lag by that of the gain, below which the two trade off
 _HIDDEN = "the autopilot's answer to the gyro hides the vehicle's to the command"
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
@@ -199,7 +200,7 @@ def _identify(log: FlightLog, tell: Callable[[float], None], slow: str, filled: 
     near = _search(_axis_data(_cut(log, command, limit_time(learnt, command, _BRIEF)), square))
     tell(0.3)
     trained = _fit_axes(_axis_data(_cut(log, command, learnt), square), dt, near)
-    if (further := _next_spacing(trained, log.gyro)) is not None:
+    if (further := _next_spacing(trained, log.gyro, is_filled=filled is not None)) is not None:
         return _identify(_thin(log, further), tell, slow, filled)
     tell(0.6)
     axes = _fit_axes(_axis_data(_cut(log, command, spans), square), dt, [axis.theta for axis in trained])
@@ -219,10 +220,14 @@ def _widening(share: float) -> float:
     return _FILLED_SPREAD if share >= _GUESSED else _GUESSED_SPREAD
 
 
-def _next_spacing(axes: list[_Axis], gyro: LogSignal) -> float | None:
-    """Return the next spacing [s] of gyro samples if their noise is coloured; `None` if it is not, or at the last."""
+def _next_spacing(axes: list[_Axis], gyro: LogSignal, *, is_filled: bool) -> float | None:
+    """Return the next spacing [s] of gyro samples if their noise is coloured; `None` if it is not, or at the last.
+
+    Noise that a filter has coloured, and that the loop hands on to the command, draws the lag to an end of its search.
+    """
     wider = [each for each in _APART_S if round(each / sample_time(gyro)) > 1]
-    return wider[0] if wider and _find_coloured_axes(axes) else None
+    ends = any(at_bound(axis.theta) or (is_filled and is_prompt(axis.theta)) for axis in axes[:2])
+    return wider[0] if wider and (ends or _find_coloured_axes(axes)) else None
 
 
 def _thin(log: FlightLog, spacing: float) -> FlightLog:
@@ -452,9 +457,29 @@ def _advise(axis: _Axis, cure: str) -> str:
             f"{name} is not identified: the command explains {100.0 * share:.0f} % of its acceleration, but not always "
             f"alike. If the log holds more than the flight, cut that off (--from, --to). If not: {manoeuvre}"
         )
-    known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
+    return f"{_describe_loose(axis, name, share, reach)}. {manoeuvre}"
+
+
+def _describe_loose(axis: _Axis, name: str, share: float, reach: float) -> str:
+    """Return how little is known of a gain: where its command acts, R^2 of closed loop is no reason."""
+    if reach >= 1.0 or axis.held_out is None or axis.held_out.evidence <= _EVIDENT:
+        known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
+        return f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}"
+    known = f"its gain is known to {100.0 * reach:.0f} % only"
+    return f"{name} is not identified: {known}, though it acts on the rate{_describe_trade(axis)}"
+
+
+def _describe_trade(axis: _Axis) -> str:
+    """Return what a loose gain trades off with; empty if its ratio to the lag is no better known than itself."""
+    gain = axis.wide_gain
+    ratio = interval(axis.theta, axis.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1) / _lag(p))
+    loose, tight = (max(each.high - each.nominal, each.nominal - each.low) / each.nominal for each in (gain, ratio))
+    if tight > _TRADED * loose:
+        return ""
+    corner = 1.0 / (2.0 * math.pi * float(_lag(axis.theta)))
     return (
-        f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}. {manoeuvre}"
+        f": it trades off with the lag, their ratio is known to {100.0 * tight:.0f} %. The command moves above "
+        f"{corner:.0f} Hz alone, where more gain and more lag look alike"
     )
 
 

@@ -19,7 +19,7 @@ from gustproof.logs.identify.curves import Curves
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.flown_step import flown_steps
 from gustproof.logs.identify.gyro_spectrum import gyro_spectrum
-from gustproof.logs.identify.identify_vehicle import _advise, _Axis, _widening, identify
+from gustproof.logs.identify.identify_vehicle import _advise, _Axis, _next_spacing, _widening, identify
 from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, LAG
 from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.identify.stretches import NEVER_FLEW, find_stretches
@@ -403,3 +403,50 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
     assert (axis.gain is not None) == told
     if told:  # within what it is drawn with, and the hundredth that the model leaves out
         assert axis.gain.high / axis.gain.nominal - 1.0 == pytest.approx(np.hypot(given["spread"], 0.01), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "trades", "told"),
+    [
+        (
+            9.0,
+            True,
+            "roll is not excited: the command explains 0 % of its acceleration, its gain is known to 50 % only",
+        ),
+        (400.0, False, "roll is not identified: its gain is known to 50 % only, though it acts on the rate. Fly"),
+        (400.0, True, "it trades off with the lag, their ratio is known to"),
+    ],
+)
+def test_a_loose_gain_of_a_command_that_acts_is_not_called_unexcited(evidence, trades, told):
+    """Two flights of real quads at a coherence of .9 were told so: R^2 is below 0 where the command answers gusts."""
+    theta, spread = np.zeros(GAINS + 2), 0.5 / 0.95 * np.linspace(-1.0, 1.0, 41)
+    theta[LAG], theta[GAINS] = np.log(0.02), 1000.0
+    replicates = np.tile(theta, (41, 1))
+    replicates[:, GAINS] *= 1.0 + spread
+    replicates[:, LAG] += np.log1p(spread) * trades
+    axis = _Axis(
+        data=SimpleNamespace(square=False, axis=0, stretches=[]), theta=theta, replicates=replicates, unexplained=0.0,
+        curves=SimpleNamespace(corner=lambda: 1.0, r_squared=lambda _: -2.9),
+        held_out=SimpleNamespace(surprise=1.0, scale=1.0, evidence=evidence),
+    )  # fmt: skip
+    assert axis.gain is None
+    assert told in _advise(axis, "log more")
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_filled", "wider"),
+    [
+        ({}, True, None),
+        ({LAG: np.log(0.001)}, True, 0.008),  # eight of ten such logs are told with one sample in 8 or 16 ms
+        ({LAG: np.log(0.001)}, False, None),
+        ({LAG: np.log(0.4)}, False, 0.008),
+    ],
+)
+def test_a_lag_at_an_end_of_its_search_asks_for_wider_spacing(changes, is_filled, wider):
+    theta = np.zeros(GAINS + 2)
+    theta[LAG], theta[DELAY] = np.log(0.05), 0.005
+    for place, value in changes.items():
+        theta[place] = value
+    axes = [SimpleNamespace(theta=theta, is_noise_gone=False, likeness=-0.2) for _ in range(3)]
+    gyro = LogSignal(time=np.arange(100) * 0.004, values=np.zeros((100, 3)))
+    assert _next_spacing(axes, gyro, is_filled=is_filled) == wider

@@ -13,6 +13,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from gustproof.flight.recording import bag
 from gustproof.flight.recording.bag import write_bag
 from gustproof.flight.routes.direct import fly_direct
 from gustproof.law.form import load_law
@@ -105,6 +106,12 @@ def own_bag(folder: Path) -> bytes:
     scenario = replace(load_scenario("paper-turbulence"), duration_s=0.2)
     write_bag(folder / "flight", fly_direct(scenario, load_law("hinf-d1"), vehicle=load_vehicle("paper")), {})
     return next((folder / "flight").glob("*.mcap")).read_bytes()
+
+
+def test_a_bag_whose_messages_have_no_channel_is_damaged() -> None:
+    fault = r"^a\.mcap: it is damaged: a message of no channel that it defines$"
+    with pytest.raises(ConfigError, match=fault), bag._refused(Path("a.mcap")):
+        raise KeyError(182)
 
 
 @pytest.mark.parametrize(
