@@ -498,6 +498,16 @@ def _check_keys(document: Any) -> None:
         raise ValueError(f"{unknown[0]}: unknown key")
     if missing := sorted(keys - set(document)):
         raise ValueError(f"{missing[0]}: missing")
+    for key in (*_MATRICES, "limits", *_OPTIONAL):
+        if _has_truth(document.get(key)):
+            raise ValueError(f"{key}: has true or false in the place of a number")
+
+
+def _has_truth(value: Any) -> bool:
+    """Return whether true or false, which would count as 1 and 0, stands anywhere in a part of a document."""
+    if isinstance(value, dict | list):
+        return any(_has_truth(each) for each in (value.values() if isinstance(value, dict) else value))
+    return isinstance(value, bool)
 
 
 def _parse_law(document: Any) -> Law:

@@ -132,6 +132,7 @@ def test_a_limit_of_the_rate_needs_the_attitude_in_the_state(make_law: Maker, st
         ("dt", 0.0, "dt is 0.0, must be positive"),
         ("dt", "fast", "dt: is 'fast', must be a number"),
         ("dt", True, "dt: is True"),
+        ("limits", [True, 1.0, 1.0], "limits: has true or false in the place of a number"),
         ("limits", [1.0, -1.0, 1.0], "limits are .*, must be positive"),
         ("output", "thrust", "output: is 'thrust', must be one of torque, rates"),
         ("format", "other", "format: must be"),
