@@ -208,7 +208,11 @@ def _describe_frame(autopilot: AutopilotLoops, parameters: Mapping[str, float], 
 def _strange(autopilot: AutopilotLoops, parameters: Mapping[str, float]) -> list[str]:
     """Return remarks on old spellings, and on names that look as if they were of the loops, if there are such."""
     old = {now: [name for name in parameters if re.fullmatch(names, name)] for names, now in autopilot.renamed.items()}
-    found = [f"{', '.join(names)}: not read, an old spelling of {now}" for now, names in old.items() if names]
+    found = [
+        f"{', '.join(names)}: not read, an old spelling of {now}"
+        for now, names in old.items()
+        if any(parameters[name] for name in names)  # what is off costs nothing
+    ]
     parameters = {name: value for name, value in parameters.items() if not any(name in names for names in old.values())}
     names = [name for name in parameters if name.startswith(autopilot.family) and name not in autopilot.settings]
     names = [name for name in names if not re.fullmatch(autopilot.known, name)]

@@ -555,4 +555,6 @@ def test_an_old_spelling_and_a_gain_given_twice_are_told(tmp_path: Path, name: s
     remarks = read_autopilot_law(path, load_vehicle("iris")).remarks
     assert f"{name}: {told}" in remarks
     assert not any(line.startswith("not known") for line in remarks)
+    path.write_text(f"{gain} 0.1\n{name} 0\n")
+    assert not any(line.startswith(f"{name}: ") for line in read_autopilot_law(path, load_vehicle("iris")).remarks)
     assert remarks[0].startswith(f"{gain} 0.1 in old.params line 1, 0.15 in old.params line 3: given twice")
