@@ -51,7 +51,7 @@ VERSIONS: Mapping[str, tuple[Version, ...]] = {
     "ardupilot": (  # before 4.6 motors do not tell their thrust
         Version("4.3", absent=_ARDUPILOT_OF_4_7, has_law=False),
         Version("4.4", absent=_ARDUPILOT_OF_4_7, has_law=False),
-        Version("4.5", absent=_ARDUPILOT_OF_4_7, has_law=False),
+        Version("4.5", ("4.5.7",), absent=_ARDUPILOT_OF_4_7, has_law=False),
         Version("4.6", ("4.6.3",), absent=_ARDUPILOT_OF_4_7),
         Version("4.7", ("4.7-dev of July 2025",), absent=_ARDUPILOT_UNTIL_4_6),
         Version("4.8", ("4.8-dev of April 2026",), absent=_ARDUPILOT_UNTIL_4_6),
@@ -109,9 +109,9 @@ def describe_no_law(kind: str, version: str) -> str:
     return f"{kind} {version} has no place for one, {f'{others[0]} and later have' if others else 'as no version has'}"
 
 
-def describe_tried(kind: str) -> str:
-    """Return in words the releases and states of an autopilot that were flown here."""
-    return ", ".join(each for row in VERSIONS[kind] for each in row.tried)
+def describe_tried(kind: str, *, with_law: bool = False) -> str:
+    """Return in words the releases and states of an autopilot that were flown here, or those that a law can be in."""
+    return ", ".join(each for row in VERSIONS[kind] for each in row.tried if row.has_law or not with_law)
 
 
 def later_defaults(kind: str) -> tuple[str, Mapping[str, float]]:

@@ -39,7 +39,7 @@ def build(folder: Path, kind: str, version: str) -> Path:
         ("px4", "2.0.0", "px4 2.0.0 has not been tried here, 1.17 is the nearest that has"),
         ("ardupilot", "4.6.3", ""),
         ("ardupilot", "4.9.0-dev", "ardupilot 4.9.0-dev has not been tried here, 4.8 is the nearest that has"),
-        ("ardupilot", "4.3.8", "ardupilot 4.3.8 has not been tried here, 4.6 is the nearest that has"),
+        ("ardupilot", "4.3.8", "ardupilot 4.3.8 has not been tried here, 4.5 is the nearest that has"),
     ],
 )
 def test_a_build_tells_its_version_and_one_that_was_not_tried_is_doubted(tmp_path, kind, version, said) -> None:
@@ -103,6 +103,8 @@ def test_versions_tried_are_those_of_the_guide() -> None:
     for kind in VERSIONS:
         for each in describe_tried(kind).split(", "):
             assert each.removeprefix("main of ") in table
+    assert describe_tried("ardupilot").startswith("4.5.7, ")
+    assert describe_tried("ardupilot", with_law=True).startswith("4.6.3, ")
 
 
 def test_defaults_that_a_version_changed_are_told_with_it() -> None:

@@ -144,7 +144,7 @@ def _px4(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[str, str
         raise ConfigError(f"--rate: is {1.0 / law.dt:g} Hz, PX4's gyro has {', '.join(map(str, _GYRO_RATES))} Hz")
     measured = measured_torque("px4", vehicle)
     words |= _torques(measured or px4_full_torque(vehicle.rotors)) | {
-        "tried": describe_tried("px4"),
+        "tried": describe_tried("px4", with_law=True),
         "scale": _MEASURED_SCALE if measured else _PX4_SCALE,
         "mode": f"gustproof {law.name}"[:_MODE_LENGTH],
         "takes_references": "true" if law.takes_references else "false",
@@ -172,7 +172,7 @@ def _ardupilot(law: Law, vehicle: Vehicle, words: dict[str, str], units: dict[st
     else:
         frame, full = ardupilot_parameters(vehicle), ardupilot_full_torque(vehicle)
     words |= _torques(full) | {"scale": _MEASURED_SCALE if measured else _ARDUPILOT_SCALE}
-    words["tried"] = describe_tried("ardupilot")
+    words["tried"] = describe_tried("ardupilot", with_law=True)
     own = {
         "SCHED_LOOP_RATE": str(rate),
         "INS_GYRO_FILTER": f"{LAW_GYRO_FILTER_HZ:g}",
