@@ -149,7 +149,7 @@ def _default_sets(law: "Controller", scripts: "list[Scenario]") -> list[str]:
 def _predict(
     named: "dict[str, AnyController]", law: "Controller", vehicle: "Vehicle", scripts: "list[Scenario]"
 ) -> "dict[str, PriceInside]":
-    """Return what the model says of each autopilot's own loops, and of the law inside; of none without turbulence."""
+    """Return what the model says of each autopilot's own loops, and of the law inside, in turbulence alone."""
     from firmware_model.config.parameter_files import read_parameters
     from firmware_model.external.versions import read_version
     from gustproof.design.inside import price_inside, price_loops
@@ -158,6 +158,8 @@ def _predict(
     from gustproof.law.form import Law
 
     found: dict[str, PriceInside] = {}
+    if len(scripts) > 1 or not _is_turbulence_alone(scripts[0]):
+        return found  # else it would stand beside flights of something else
     script = _held(scripts[0])
     for name, each in named.items():
         if not isinstance(each, ExternalAutopilot):
@@ -176,6 +178,14 @@ def _predict(
 def _held(script: "Scenario") -> "Scenario":
     """Return a scenario with the vehicle held and nothing else in it than its air: what the model predicts."""
     return replace(script, translation="held", event=(), require=())
+
+
+def _is_turbulence_alone(script: "Scenario") -> bool:
+    """Return whether nothing but turbulence moves the vehicle."""
+    from firmware_model.config.waveforms import RandomGusts
+
+    is_random = all(isinstance(each, RandomGusts) for each in script.wind)
+    return is_random and not (script.moment or script.event or script.has_link_script)
 
 
 def _has_price(law: "Controller", scripts: "list[Scenario]") -> bool:

@@ -10,6 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 import gustproof.design.inside as inside_room
+from firmware_model.config.scenario import load_scenario
+from firmware_model.config.vehicle import load_vehicle
+from gustproof.cli import compare
 from gustproof.cli.app import app
 from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.flight.routes.external import ExternalAutopilot
@@ -214,3 +217,19 @@ def test_own_loops_are_tuned_to_the_price_of_the_law_inside_and_come_first(
     assert rows[0]["own_error_ratio"] is None
     if "flagship" in names:
         assert by_name["flagship"]["own_error_ratio"] is None  # it has no estimate of its own
+
+
+@pytest.mark.parametrize(
+    ("scenario", "predicted"), [("paper-turbulence", True), ("severe-1797", True), ("attitude-steps", False),
+                                ("gust-roll", False), ("kick", False), ("link-delay", False)],
+)  # fmt: skip
+def test_the_model_predicts_turbulence_alone_and_nothing_beside_other_flights(
+    monkeypatch: pytest.MonkeyPatch, scenario: str, predicted: bool
+) -> None:
+    monkeypatch.setattr("gustproof.flight.routes.external.find_build", lambda *_: Path())
+    script = load_scenario(scenario)
+    assert compare._is_turbulence_alone(script) is predicted
+    named = {"px4-stock": ExternalAutopilot(kind="px4")}
+    found = compare._predict(named, load_law("flagship"), load_vehicle("paper"), [script])
+    assert bool(found) is predicted
+    assert not compare._predict(named, load_law("flagship"), load_vehicle("paper"), [script, script])
