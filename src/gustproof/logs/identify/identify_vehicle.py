@@ -54,6 +54,7 @@ _LEAST_DAMPING = -2.0  # [1/s] below it the model lacks more than the damping's 
 _LATEST = 0.03  # [s] longest delay of output drivers and speed controllers
 _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
+_ACTS = 100.0  # of evidence, beyond which a loose gain is none of a hover: a still one has 50, real flights 400 to 1000
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
 _ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
 _GUESSED = 0.4  # share of the quick commands filled in, below which the log's rate is to blame
@@ -462,7 +463,7 @@ def _advise(axis: _Axis, cure: str) -> str:
 
 def _describe_loose(axis: _Axis, name: str, share: float, reach: float) -> str:
     """Return how little is known of a gain: where its command acts, R^2 of closed loop is no reason."""
-    if reach >= 1.0 or axis.held_out is None or axis.held_out.evidence <= _EVIDENT:
+    if reach >= 1.0 or axis.held_out is None or axis.held_out.evidence <= _ACTS:
         known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
         return f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}"
     known = f"its gain is known to {100.0 * reach:.0f} % only"

@@ -409,7 +409,7 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
     ("evidence", "trades", "told"),
     [
         (
-            9.0,
+            99.0,
             True,
             "roll is not excited: the command explains 0 % of its acceleration, its gain is known to 50 % only",
         ),
