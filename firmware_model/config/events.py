@@ -10,21 +10,20 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from firmware_model.config.fields import (
+    NOT_TRUTH,
     Finite,
     Fraction,
     NonNegative,
-    Number,
     Positive,
     PositiveVector,
     Tagged,
     Vector,
-    Whole,
     strict_dataclass,
     tagged_dataclass,
 )
 from firmware_model.config.vehicle import MOST_ROTORS
 
-Time = Annotated[Number, Field(ge=0.0, le=86_400.0)]
+Time = Annotated[float, Field(ge=0.0, le=86_400.0), NOT_TRUTH]
 
 
 @strict_dataclass
@@ -111,7 +110,7 @@ class ActuatorEffect(_Event):
 class ActuatorLag(_Event):
     """New time constant of the actuators."""
 
-    lag_s: Annotated[Number, Field(ge=1e-3, allow_inf_nan=False)]
+    lag_s: Annotated[float, Field(ge=1e-3, allow_inf_nan=False), NOT_TRUTH]
     """[s] time constant."""
 
 
@@ -153,7 +152,7 @@ class RotorFailure(_Event):
     On the test stand torques have actuators of their own: see `ActuatorEffect`.
     """
 
-    rotor: Annotated[Whole, Field(ge=1, le=MOST_ROTORS)]
+    rotor: Annotated[int, Field(ge=1, le=MOST_ROTORS), NOT_TRUTH]
     """Number of the rotor in the vehicle's file, from 1."""
     share: Fraction = 0.0
     """[-] of the thrust that it is to give: 1 is sound, 0 is dead."""

@@ -14,12 +14,12 @@ def _refuse_truth(value: object) -> object:
     return value
 
 
-Number = Annotated[float, BeforeValidator(_refuse_truth)]
-Whole = Annotated[int, BeforeValidator(_refuse_truth)]
-Positive = Annotated[Number, Field(gt=0.0, allow_inf_nan=False)]
-NonNegative = Annotated[Number, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[Number, Field(allow_inf_nan=False)]
-Fraction = Annotated[Number, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+NOT_TRUTH = BeforeValidator(_refuse_truth)
+"""Stands behind the bounds of a number: before them, schemas would not tell these."""
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), NOT_TRUTH]
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), NOT_TRUTH]
+Finite = Annotated[float, Field(allow_inf_nan=False), NOT_TRUTH]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False), NOT_TRUTH]
 Vector = tuple[Finite, Finite, Finite]
 PositiveVector = tuple[Positive, Positive, Positive]
 _Table = TypeVar("_Table")

@@ -5,11 +5,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from firmware_model.config.fields import (
+    NOT_TRUTH,
     Fraction,
     Positive,
     Tagged,
     TimeWindow,
-    Whole,
     strict_dataclass,
     tagged_dataclass,
 )
@@ -96,7 +96,7 @@ class Bandwidth(_LinkFault):
 
     rate_bit_s: Positive
     """[bit/s] of MAVLink frames."""
-    queue: Annotated[Whole, Field(ge=0, le=10_000)] = 10
+    queue: Annotated[int, Field(ge=0, le=10_000), NOT_TRUTH] = 10
     """Datagrams that may wait while one is in transmission."""
 
 

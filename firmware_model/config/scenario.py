@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from firmware_model.config import events
-from firmware_model.config.fields import NonNegative, Number, Vector, Whole, strict_dataclass
+from firmware_model.config.fields import NOT_TRUTH, NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import Metric, Requirement
@@ -24,7 +24,7 @@ CONTROL_RATE_HZ = 250
 """[Hz] Samples of a scenario that does not say."""
 MOST_DELAY = 50
 """[samples] largest delay of a scenario."""
-Angle = Annotated[Number, Field(ge=-180.0, le=180.0)]
+Angle = Annotated[float, Field(ge=-180.0, le=180.0), NOT_TRUTH]
 
 
 def _limit_count(tables: Any) -> Any:
@@ -61,9 +61,9 @@ class AccelerometerFault:
 class NoiseRotation:
     """Turn of all random numbers of gusts and sensors: noise becomes cos(angle) noise + sin(angle) other noise."""
 
-    seed: Annotated[Whole, Field(ge=0, lt=2**32)]
+    seed: Annotated[int, Field(ge=0, lt=2**32), NOT_TRUTH]
     """Seed of the other noise."""
-    angle_rad: Annotated[Number, Field(ge=0.0, le=math.pi / 2.0)]
+    angle_rad: Annotated[float, Field(ge=0.0, le=math.pi / 2.0), NOT_TRUTH]
     """[rad] 0 leaves the noise, pi/2 replaces it."""
 
 
@@ -84,18 +84,18 @@ class Scenario:
     """Short name, part of file names; the file's by default."""
     description: str
     """One line that describes the scenario to users."""
-    duration_s: Annotated[Number, Field(gt=0.0, le=86_400.0)]
+    duration_s: Annotated[float, Field(gt=0.0, le=86_400.0), NOT_TRUTH]
     """[s] simulated time from the first commanded sample, up to a day."""
     translation: Literal["held", "free", "position_hold"] = "held"
     """Held on a test stand, as in the paper, free in attitude only; or in free flight. With position_hold the vehicle's
     position loop flies around the controller: it gives the roll and pitch to track, and the thrust."""
-    altitude_m: Annotated[Number, Field(gt=0.0, le=10_000.0)] = 10.0
+    altitude_m: Annotated[float, Field(gt=0.0, le=10_000.0), NOT_TRUTH] = 10.0
     """[m] height above ground: of the air model, and of the vehicle on the stand or at the start of free flight."""
-    control_rate_hz: Annotated[Whole, Field(ge=10, le=2000)] = CONTROL_RATE_HZ
+    control_rate_hz: Annotated[int, Field(ge=10, le=2000), NOT_TRUTH] = CONTROL_RATE_HZ
     """[Hz] samples and commands."""
-    physics_rate_hz: Annotated[Whole, Field(ge=100, le=10000)] = 1000
+    physics_rate_hz: Annotated[int, Field(ge=100, le=10000), NOT_TRUTH] = 1000
     """[Hz] integration steps, a multiple of `control_rate_hz`."""
-    delay_samples: Annotated[Whole, Field(ge=0, le=MOST_DELAY)] = 1
+    delay_samples: Annotated[int, Field(ge=0, le=MOST_DELAY), NOT_TRUTH] = 1
     """[samples] from a sample until its command acts."""
     initial_attitude_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
     """[deg] initial roll, pitch, yaw, at rest; a vehicle on the ground stands level."""

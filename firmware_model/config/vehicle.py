@@ -15,13 +15,12 @@ from pydantic import Field, model_validator
 from pydantic_core import to_jsonable_python
 
 from firmware_model.config.fields import (
+    NOT_TRUTH,
     Finite,
     NonNegative,
-    Number,
     Positive,
     PositiveVector,
     Vector,
-    Whole,
     strict_dataclass,
 )
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
@@ -206,7 +205,7 @@ class PositionLoop:
     """[m/s] fastest climb."""
     z_velocity_max_down: Positive
     """[m/s] fastest descent."""
-    tilt_max: Annotated[Number, Field(gt=0.0, lt=1.2)]
+    tilt_max: Annotated[float, Field(gt=0.0, lt=1.2), NOT_TRUTH]
     """[rad] largest commanded tilt."""
 
 
@@ -214,7 +213,7 @@ class PositionLoop:
 class Battery:
     """Battery of cells in series, used in free flight; it is full at the start."""
 
-    cells: Annotated[Whole, Field(ge=1, le=14)]
+    cells: Annotated[int, Field(ge=1, le=14), NOT_TRUTH]
     """Cells in series; BATTERY_STATUS tells up to 14."""
     capacity_ah: Positive
     """[A*h] charge from full to empty."""
@@ -222,7 +221,7 @@ class Battery:
     """[ohm] of all cells and wires."""
     hover_current_a: Positive
     """[A] of all rotors in hover."""
-    voltage_full: Annotated[Number, Field(gt=0.0, le=4.6)] = 4.2
+    voltage_full: Annotated[float, Field(gt=0.0, le=4.6), NOT_TRUTH] = 4.2
     """[V] of a full cell without current, at which the rotors give `thrust_max`; of lithium polymer by default."""
     voltage_empty: Positive = 3.6
     """[V] of an empty cell without current; by default PX4's BAT1_V_EMPTY."""
@@ -264,7 +263,7 @@ class MeasuredCommand:
     """Source of the torque of a command of 1.0."""
     delay: NonNegative
     """[s] from a command to the start of its torque."""
-    thrust_range: Annotated[Number, Field(gt=0.0, le=1.0)] = 1.0
+    thrust_range: Annotated[float, Field(gt=0.0, le=1.0), NOT_TRUTH] = 1.0
     """[-] share of the largest thrust that the motors spanned: ArduPilot's MOT_SPIN_MAX less MOT_SPIN_MIN."""
     unmeasured: tuple[Literal["roll", "pitch", "yaw"], ...] = ()
     """Axes that the flight did not excite: their torque is assumed."""

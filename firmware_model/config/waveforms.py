@@ -15,9 +15,9 @@ from typing import Annotated, Literal, Self
 from pydantic import FailFast, Field, model_validator
 
 from firmware_model.config.fields import (
+    NOT_TRUTH,
     Finite,
     NonNegative,
-    Number,
     Positive,
     Tagged,
     TimeWindow,
@@ -30,7 +30,7 @@ from firmware_model.exact import sin_cos
 KNOT = 0.514444
 """[m/s] 1852 m an hour."""
 Frame = Literal["body", "ned"]
-Rate = Annotated[Number, Field(gt=0.0, le=3200.0)]
+Rate = Annotated[float, Field(gt=0.0, le=3200.0), NOT_TRUTH]
 MAX_ROWS = 150_000
 """Rows of a `replay`: ten minutes at 250 Hz."""
 Rows = Annotated[
@@ -296,7 +296,7 @@ class Shear(Tagged):
     """[m/s] at a height of 20 ft, of a level wind."""
     from_deg: Finite | None = None
     """[deg] bearing that it comes from."""
-    roughness_m: Annotated[Number, Field(ge=1e-4, le=0.8)] = 0.6096
+    roughness_m: Annotated[float, Field(ge=1e-4, le=0.8), NOT_TRUTH] = 0.6096
     """[m] height at which the profile is calm. The specification: 2.0 ft, or .15 ft (0.0457 m) in the approach."""
 
     @model_validator(mode="after")
@@ -320,7 +320,7 @@ class RandomGusts(Tagged):
     """[m/s] mean wind speed at 20 ft."""
     intensity: Literal["light", "moderate", "severe"] | None = None
     """The wind speed by name: 15, 30 or 45 knots at 20 ft, that is 7.7, 15.4 or 23.2 m/s."""
-    airspeed_mps: Annotated[Number, Field(ge=1.0, allow_inf_nan=False)] | None = None
+    airspeed_mps: Annotated[float, Field(ge=1.0, allow_inf_nan=False), NOT_TRUTH] | None = None
     """[m/s] speed at which the frozen field passes, if it is not that of the mean wind."""
     specification: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     """Source of lengths and spectra. At low altitude both describe the same gusts in different numbers."""

@@ -34,8 +34,9 @@ _NARROW, _FAR_BELOW = 1e-2, 1e-4
 """[-] largest width of a narrow band, of the distance of the samples about it, and how far below these are. A parabola
 is a hundred times as wide there."""
 
-_BALANCINGS, _GAIN_BITS = 40, 10
-"""Times that states and gain are balanced in turn at most, and the bits by which B C may exceed the square of A."""
+_BALANCINGS, _GAIN_BITS, _SPEED_BITS = 40, 10, 200
+"""Times that states and gain are balanced in turn at most, and the bits by which B C may exceed the square of A; those
+of a speed in rad/s."""
 
 _NOISE = 1e-2
 """[-] part of a gain from which its rounding may hide every crossing."""
@@ -180,9 +181,13 @@ def h2_norm(system: LinearSystem) -> float:
 def _balance_gain(G: Lti) -> tuple[Lti, float]:
     """Return a system with balanced states, divided by a power of two that makes B C like A A, and that power.
 
-    A large gain would otherwise unbalance the states: units that make B and C alike large spoil A.
+    A large gain would otherwise unbalance the states: units that make B and C alike large spoil A. Of a speed whose
+    square has no number, a continuous system has another unit of time.
     """
     size, speed = 1.0, float(np.max(np.abs(np.linalg.eigvals(G.A))))
+    if not G.dt and speed and abs(math.log2(speed)) > _SPEED_BITS:
+        size = 2.0 ** round(0.5 * math.log2(speed))
+        G, speed = Lti(A=G.A / size / size, B=G.B / size, C=G.C / size, D=G.D), speed / size / size
     for _ in range(_BALANCINGS):
         G = balance_states(G)
         b, c = (float(np.max(np.abs(part), initial=0.0)) for part in (G.B, G.C))

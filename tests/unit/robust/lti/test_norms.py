@@ -110,6 +110,11 @@ def test_h2_of_a_discrete_lag_is_the_sum_of_its_impulse_response():
     assert h2_norm(transfer([1.0], [1.0, -0.5], 1.0)) == pytest.approx(math.sqrt(1.0 / 0.75), rel=1e-12)
 
 
+def test_the_h2_norm_of_a_lag_is_told_at_any_speed() -> None:
+    for speed in (1e-300, 1e-160, 1.0, 1e160, 1e300):
+        assert h2_norm(transfer([speed], [1.0, speed])) == pytest.approx(math.sqrt(0.5 * speed), rel=1e-12)
+
+
 @pytest.mark.parametrize("size", [1e-200, 1e-20, 1e15, 1e100])
 @pytest.mark.parametrize("dt", [0.0, 0.1])
 def test_the_h2_norm_grows_with_the_gain(size, dt):
