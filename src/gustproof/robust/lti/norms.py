@@ -35,8 +35,8 @@ _NARROW, _FAR_BELOW = 1e-2, 1e-4
 is a hundred times as wide there."""
 
 _BALANCINGS, _GAIN_BITS, _SPEED_BITS = 40, 10, 200
-"""Times that states and gain are balanced in turn at most, and the bits by which B C may exceed the square of A; those
-of a speed in rad/s."""
+"""Times that states and gain are balanced in turn at most. Bits by which B C may exceed the square of A, and of a speed
+in rad/s."""
 
 _NOISE = 1e-2
 """[-] part of a gain from which its rounding may hide every crossing."""
