@@ -56,7 +56,7 @@ _LOOSE = 0.3  # [-] relative half-width above which a gain is not reported
 _VAGUE, _EVIDENT = 0.1, 10.0  # the same, where the command adds less than this log likelihood to what is held out
 _ACTS = 100.0  # of evidence, beyond which a loose gain is none of a hover: a still one has 50, real flights 400 to 1000
 _WHITE = 1e-3  # of the prediction errors' mean square; white noise below it means that a filter took it away
-_ALIKE = 0.15  # correlation of errors that follow each other, beyond which samples are means over intervals
+_ALIKE, _COLOURED = 0.05, 0.15  # correlation of errors that follow each other, to thin samples at, and to warn of
 _GUESSED = 0.4  # share of the quick commands filled in, below which the log's rate is to blame
 _MOSTLY = 0.5  # of the accelerations explained, and yet a loose gain: not all of it is flight
 _TRADED = 0.5  # spread of a gain over the lag by that of the gain, below which the two trade off
@@ -228,7 +228,7 @@ def _next_spacing(axes: list[_Axis], gyro: LogSignal, *, is_filled: bool) -> flo
     """
     wider = [each for each in _APART_S if round(each / sample_time(gyro)) > 1]
     ends = any(at_bound(axis.theta) or (is_filled and is_prompt(axis.theta)) for axis in axes[:2])
-    return wider[0] if wider and (ends or _find_coloured_axes(axes)) else None
+    return wider[0] if wider and (ends or _find_coloured_axes(axes, _ALIKE)) else None
 
 
 def _thin(log: FlightLog, spacing: float) -> FlightLog:
@@ -239,9 +239,9 @@ def _thin(log: FlightLog, spacing: float) -> FlightLog:
     return replace(log, gyro=gyro, findings=(*told, f"{_FILTERED}: one sample in {1e3 * spacing:g} ms is used"))
 
 
-def _find_coloured_axes(axes: list[_Axis]) -> list[str]:
+def _find_coloured_axes(axes: list[_Axis], alike: float = _COLOURED) -> list[str]:
     """Return the axes of the gyro whose noise is not white: a filter took it away, or samples share it."""
-    return [AXES[axis.data.axis] for axis in axes if axis.is_noise_gone or axis.likeness > _ALIKE]
+    return [AXES[axis.data.axis] for axis in axes if axis.is_noise_gone or axis.likeness > alike]
 
 
 def _find_command(log: FlightLog) -> tuple[LogSignal, bool]:
