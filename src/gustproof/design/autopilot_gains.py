@@ -65,7 +65,7 @@ _DIGITS, _SLEW_MARGIN = 5, 1e-4
 
 
 _LIKELY = 0.4
-"""[-] of the way from the nominal peak to that over the spreads, by their logarithms: of 155 vehicles flown 150 stay below."""
+"""[-] of the way from the nominal peak to that over the spreads, by their logarithms: 150 of 155 flown stay below."""
 _LIMITS_OF_USERS = ("_SMAX", "_IMAX")
 """Ends of the names of limits that are not gains: the user's own are left alone."""
 
