@@ -22,7 +22,6 @@ _CLASS = re.compile(r"\s*\.\s.*\brc\.(?!mc_|vtol_)(\w+)_defaults\b")
 _SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
 _AIRFRAME = re.compile(r"\d{3,6}_[^.]+(\.hil)?")  # names of PX4's airframe files, by their number
 _MOST_INCLUDES, _FEW = 32, 4
-_TWICE = "given twice, the last counts"
 SUFFIXES = (".params", ".param", ".parm")
 """Ends of the names of parameter files."""
 GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
@@ -53,11 +52,7 @@ def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str]
     ConfigError
         If there is no such file or set, a line holds no parameter, or it is the airframe file of no multicopter.
     """
-    path = Path(name_or_path)
-    if not is_parameter_file(path):
-        path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
-    reader = _Reader(remarks)
-    reader.read(path)
+    reader = _read(name_or_path, autopilot, remarks)
     if remarks is not None:
         remarks += reader.describe_repeated()
     return reader.values
@@ -71,9 +66,16 @@ def repeated_parameters(name_or_path: str | Path, autopilot: str) -> list[str]:
     ConfigError
         As `read_parameters` does.
     """
-    remarks = list[str]()
-    read_parameters(name_or_path, autopilot, remarks)
-    return [line for line in remarks if _TWICE in line]
+    return _read(name_or_path, autopilot, remarks=[]).describe_repeated()
+
+
+def _read(name_or_path: str | Path, autopilot: str, remarks: list[str] | None) -> "_Reader":
+    path = Path(name_or_path)
+    if not is_parameter_file(path):
+        path = shipped_path("parameter set", name_or_path, DATA / autopilot, ".params")
+    reader = _Reader(remarks)
+    reader.read(path)
+    return reader
 
 
 class _Reader:
@@ -115,7 +117,7 @@ class _Reader:
             return []
         first, more = [*self._repeated.values()][:_FEW], len(self._repeated) - _FEW
         others = f" and {more} others" if more > 0 else ""
-        return [f"{'; '.join(first)}{others}: {_TWICE}, as a ground station loads it"]
+        return [f"{'; '.join(first)}{others}: given twice, the last counts, as a ground station loads it"]
 
     def _tell(self, path: Path, others: list[str], *, is_script: bool) -> None:
         """Remark on lines that are no parameters, or refuse them."""

@@ -7,6 +7,8 @@ passed them would fly without a word, and its verdict would be of another vehicl
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from firmware_model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -41,16 +43,12 @@ def _numbers(vehicle: "Vehicle") -> list[tuple[str, float, float, str]]:
     """Return key, value, largest value and unit of what is looked at."""
     rotors = vehicle.rotors
     across = 2.0 * max(math.hypot(x, y) for x, y, _ in rotors.position_B)
-    arms = (
-        sum(abs(y) for _, y, _ in rotors.position_B),
-        sum(abs(x) for x, _, _ in rotors.position_B),
-        len(rotors.position_B) * rotors.drag_ratio,
-    )
+    arms = np.abs(rotors.wrench[:3]).sum(axis=1).tolist()
     found = [
         ("gyro.range", vehicle.gyro.range, _FASTEST, "rad/s"),
         ("stabilizer.rate_limit", vehicle.stabilizer.rate_limit, _FASTEST, "rad/s"),
         ("actuator_lag", vehicle.actuator_lag, _LATEST, "s"),
-        ("rotors.thrust_max", rotors.thrust_max, _LIFTS * 9.81 * vehicle.mass / len(rotors.position_B), "N"),
+        ("rotors.thrust_max", rotors.thrust_max, _LIFTS * 9.81 * vehicle.mass / rotors.count, "N"),
         ("span", vehicle.span, _SPANS * across, "m"),
         ("rotors.position_B", across, _SPANS * vehicle.span, "m"),
         ("inertia_B", max(vehicle.inertia_B), _GYRATION * vehicle.mass * vehicle.span**2, "kg m^2"),

@@ -41,8 +41,7 @@ def output_commands(outputs: Array) -> Array:
 
 def describe_outputs(outputs: Array) -> str:
     """Return for what the outputs (n, m) of motors are taken, which no log tells."""
-    least, most = _DSHOT if _is_dshot(outputs) else _PWM.values()
-    kind = "DShot" if _is_dshot(outputs) else "pulses in us"
+    kind, (least, most) = ("DShot", _DSHOT) if _is_dshot(outputs) else ("pulses in us", _PWM.values())
     return f"motors: no unit in the file{TAKEN}{kind} by their numbers: {least:.0f} is off, {most:.0f} full"
 
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from firmware_model.types import AXES
 from gustproof.logs.read.flight_log import LogSignal
 from gustproof.types import Array
 
-_AXES = ("roll", "pitch", "yaw")
 _WINDOW_S, _STEPS = 0.1, 4  # [s] and samples over which angles are compared: less is noise, and late stamps
 _LEAST_RAD, _FEW = 0.01, 20  # rms of their changes, and number of windows, that tell something
 _ALIKE, _FACTOR = 0.9, 3.0  # correlation, and ratio beyond which the unit is another one
@@ -49,7 +49,7 @@ def _compare_attitude(gyro: LogSignal, attitude: LogSignal) -> Iterator[str]:
     if len(ratios) and not 1.0 / _FACTOR < (ratio := float(np.median(ratios))) < _FACTOR:
         yield f"gyro and attitude contradict: {ratio:.3g} times the rate of the angles, one unit is wrong, or time"
     if turned := [
-        axis for axis, value in zip(_AXES, np.where(power[1] > _LEAST_RAD, alike, 0.0), strict=True) if value < -_ALIKE
+        axis for axis, value in zip(AXES, np.where(power[1] > _LEAST_RAD, alike, 0.0), strict=True) if value < -_ALIKE
     ]:
         yield (
             f"gyro and attitude contradict: {' and '.join(turned)} of opposite sign, where axes are front, right, down"

@@ -184,6 +184,8 @@ def _balance_gain(G: Lti) -> tuple[Lti, float]:
     A large gain would otherwise unbalance the states: units that make B and C alike large spoil A. Of a speed whose
     square has no number, a continuous system has another unit of time.
     """
+    if _has_usual_gain(balanced := balance_states(G)):
+        return balanced, 1.0
     size, speed = 1.0, float(np.max(np.abs(np.linalg.eigvals(G.A))))
     if not G.dt and speed and abs(math.log2(speed)) > _SPEED_BITS:
         size = 2.0 ** round(0.5 * math.log2(speed))
@@ -197,6 +199,17 @@ def _balance_gain(G: Lti) -> tuple[Lti, float]:
         half = 2.0 ** round(0.25 * over)
         G, size = Lti(A=G.A, B=G.B / half, C=G.C / half, D=G.D / half**2, dt=G.dt), size * half**2
     return G, size
+
+
+def _has_usual_gain(G: Lti) -> bool:
+    """Return whether a balanced system certainly needs no other gain: by bounds of its speed, without its poles."""
+    bounds = abs(float(np.trace(G.A))) / G.order, float(np.linalg.norm(G.A, np.inf))
+    sizes = [*bounds, *(float(np.max(np.abs(part), initial=0.0)) for part in (G.B, G.C))]
+    if not min(sizes):
+        return False
+    slowest, fastest, b, c = map(math.log2, sizes)
+    is_usual = b + c - 2.0 * fastest > -20 * _GAIN_BITS and b + c - 2.0 * slowest < _GAIN_BITS
+    return is_usual and max(abs(slowest), abs(fastest)) <= _SPEED_BITS
 
 
 class _Image(NamedTuple):

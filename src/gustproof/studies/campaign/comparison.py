@@ -31,7 +31,7 @@ from gustproof.flight.scoring.phases import FlightPhase, PhaseFigures, find_phas
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.paired import Change, error_ratio, find_change, mean_change
 from gustproof.studies.operating_point import MeasuredPoint, measure_operating_point
-from gustproof.types import Records
+from gustproof.types import Records, finite_or_none
 
 AnyController = ExternalAutopilot | Controller
 """A real autopilot, or what flies here."""
@@ -87,9 +87,7 @@ class PhaseRow:
 
 
 def _to_json(interval: IntervalEstimate | None) -> dict[str, float | None] | None:
-    if interval is None:
-        return None
-    return {name: end if math.isfinite(end) else None for name, end in interval._asdict().items()}
+    return None if interval is None else {name: finite_or_none(end) for name, end in interval._asdict().items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -189,9 +189,9 @@ class _Search:
         logs = [_log_ratio(flown, failed, other, self.risk) for other in others]
         return sum(math.exp(min(each, 500.0)) for each in logs) / len(logs)
 
-    def _lacks(self, flown: int, failed: int, test: int) -> float:
+    def _lacks(self, flown: int, failed: int, enough: float) -> float:
         """Return how many flights a test lacks if they go on to fail as those flown; infinite if it never ends."""
-        aim, share = math.log(2.0 * _enough_of_test(test)), failed / max(flown, 1)
+        aim, share = math.log(len(_OTHERS_BELOW) * enough), failed / max(flown, 1)
         growths = [_log_ratio(1.0, share, other, self.risk) for others in self._others for other in others]
         return min((aim / growth - flown for growth in growths if growth > 0.0), default=math.inf)
 
@@ -208,9 +208,9 @@ class _Search:
             if answer is not None or left <= 0.0:
                 return answer
             if self.low is None:
-                left = min(left, _DEARER * self._lacks(0, 0, 1 + len(self.tested)))
+                left = min(left, _DEARER * self._lacks(0, 0, _enough_of_test(1 + len(self.tested))))
             is_seen = self.counts[speed][0] * self.risk > _SEEN
-            if is_seen and self._lacks(*self.counts[speed], 1 + self.tested.index(speed)) > left:
+            if is_seen and self._lacks(*self.counts[speed], self._enough(speed)) > left:
                 return None
             batch = min(2 * batch, _LARGEST)
 
