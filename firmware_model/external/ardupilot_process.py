@@ -143,7 +143,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    places = candidate_places(given, "ARDUPILOT_BUILD", _USUAL_PLACES)
+    places = candidate_places(given, "ARDUPILOT_BUILD", _USUAL_PLACES, ("arducopter",))
     for place in places:
         for program in _PROGRAMS:
             if (path := place / program).is_file() and os.access(path, os.X_OK):

@@ -5,6 +5,7 @@ It runs in its own process and uses our simulation as its simulator.
 
 import os
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -147,10 +148,16 @@ class ExternalProcess(Protocol):
         """Return all that a record of the flight must say of it: build, parameters, ports."""
 
 
-def candidate_places(given: Path | None, variable: str, usual: Sequence[str]) -> list[Path]:
-    """Return where to look for a build: where it is given, else where a variable says, else at the usual places."""
-    stated = os.environ.get(variable)
-    return [given] if given else [Path(stated)] if stated else [Path(each).expanduser() for each in usual]
+def candidate_places(given: Path | None, variable: str, usual: Sequence[str], programs: Sequence[str]) -> list[Path]:
+    """Return where to look for a build: where it is given, else where a variable says, else at the usual places.
+
+    The last of these are the folders of installed packages, whose `programs` are on the PATH.
+    """
+    if stated := given or os.environ.get(variable):
+        return [Path(stated)]
+    found = [Path(path).resolve().parent for path in map(shutil.which, programs) if path]
+    installed = [folder.parent if folder.name == "bin" else folder for folder in found]
+    return [*(Path(each).expanduser() for each in usual), *installed]
 
 
 def check_law_inside(program: Path, wanted: str) -> None:

@@ -46,6 +46,7 @@ _MODEL = "none_iris"  # an airframe without a simulator of its own; all of its g
 _SIMULATOR, _PILOT, _OTHERS = 4560, 14580, (18570, 14280, 13030)  # ports of instance 0
 _INSTANCES = 200
 _USUAL_PLACES = ("PX4-Autopilot", "~/PX4-Autopilot", "~/src/PX4-Autopilot")
+_INSTALLED = ("px4", "px4-gazebo")  # programs of its packages for simulation
 _SITL = Path("build/px4_sitl_default")
 _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
@@ -121,7 +122,7 @@ def find_build(given: Path | None) -> Path:
     ConfigError
         If there is none.
     """
-    places = candidate_places(given, "PX4_BUILD", _USUAL_PLACES)
+    places = candidate_places(given, "PX4_BUILD", _USUAL_PLACES, _INSTALLED)
     for place in places:
         for folder in (place, place / _SITL):
             if (folder / "bin" / "px4").is_file() and (folder / "etc").is_dir():

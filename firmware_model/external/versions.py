@@ -18,8 +18,10 @@ from typing import NamedTuple
 _FAR = 100  # second numbers that a first one counts as
 _NUMBERS = re.compile(r"v?(\d+)\.(\d+)")
 _ARDUCOPTER = re.compile(rb"ArduCopter V(\d+\.\d+\.\d+[\w-]*)")
-_PX4_TAG = re.compile(r'PX4_GIT_TAG_STR +"v?([^"]+)"')
+_PX4_TAG = re.compile(rb'PX4_GIT_TAG_STR +"v?([^"]+)"')
 _PX4_HEADER = Path("src/lib/version/build_git_version.h")
+_PX4_PROGRAM = Path("bin/px4")
+_PX4_INSIDE = re.compile(rb"\0v(\d+\.\d+\.\d+[\w.-]*)\0")  # in the program: an installed package has no header
 _NONE: Mapping[str, float] = MappingProxyType({})
 
 
@@ -66,10 +68,13 @@ def read_version(kind: str, build: Path) -> str:
     try:
         if kind == "ardupilot":
             said = _ARDUCOPTER.search(build.read_bytes())
-            return said[1].decode() if said else ""
-        if kind == "px4":
-            tag = _PX4_TAG.search((build / _PX4_HEADER).read_text(encoding="utf-8", errors="replace"))
-            return tag[1] if tag else ""
+        elif kind == "px4":
+            header = build / _PX4_HEADER
+            path, pattern = (header, _PX4_TAG) if header.exists() else (build / _PX4_PROGRAM, _PX4_INSIDE)
+            said = pattern.search(path.read_bytes())
+        else:
+            return ""
+        return said[1].decode(errors="replace") if said else ""
     except OSError:
         pass
     return ""

@@ -71,6 +71,8 @@ def _with_given(error: typer.BadParameter) -> str:
 
 _FORMATS = {"--ulog": "flight.ulg", "--junit": "junit.xml", "--csv": "table.csv", "--latex": "table.tex"}
 """Files that other programs have an option for; here the suffix says what is written."""
+_UNASKED = {"--autopilots": "gustproof doctor looks for autopilots in any case"}
+"""Options for what a command does without one."""
 
 
 def _modes(context: Any) -> list[str]:
@@ -83,6 +85,8 @@ def _with_nearest(message: str, modes: list[str]) -> str:
     message = message.replace("Value error, ", "")
     if (option := re.match(r"No such option: (--\w+)", message)) and option[1] in _FORMATS:
         return f"No such option: {option[1]}; the suffix of a file says what is written: -o {_FORMATS[option[1]]}"
+    if option and option[1] in _UNASKED:
+        return f"No such option: {option[1]}; {_UNASKED[option[1]]}"
     if modes and (unknown := re.match(r"No such command '([^']*)'", message)):
         return none_of(unknown[1], modes)
     found = re.search(r"'([^']*)' is not one of (.*?)\.?$", message)

@@ -120,6 +120,12 @@ def test_a_word_of_other_programs_or_of_before_is_told_what_is_meant(word: str, 
     assert f"No such command '{word}': say gustproof {meant}" in result.output
 
 
+def test_an_option_for_what_is_done_in_any_case_is_told_so() -> None:
+    result = CliRunner().invoke(app, ["doctor", "--autopilots"], env={"COLUMNS": "100", "TERMINAL_WIDTH": "100"})
+    assert result.exit_code == 2
+    assert "--autopilots; gustproof doctor looks for autopilots in any case" in result.output
+
+
 @pytest.mark.parametrize(
     ("given", "meant"),
     [

@@ -287,6 +287,10 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ardupilot_process.find_build(tmp_path)
     program.chmod(0o700)
     assert ardupilot_process.find_build(tmp_path) == program.resolve()
+    monkeypatch.setenv("HOME", str(tmp_path / "nobody"))
+    monkeypatch.setenv("PATH", str(program.parent))
+    assert ardupilot_process.find_build(None) == program.resolve()
+    monkeypatch.setenv("PATH", "")
     monkeypatch.setenv("ARDUPILOT_BUILD", str(tmp_path))
     assert ardupilot_process.find_build(None) == program.resolve()
 

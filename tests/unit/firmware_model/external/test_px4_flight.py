@@ -308,6 +308,26 @@ def test_build_is_found_in_its_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert px4_process.find_build(None) == folder.resolve()
 
 
+@pytest.mark.parametrize("name", ["px4", "px4-gazebo"])
+def test_an_installed_package_is_found_by_its_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    for folder in ("bin", "opt/bin", "opt/etc"):
+        (tmp_path / folder).mkdir(parents=True)
+    for program in {"px4", name}:
+        (tmp_path / "opt/bin" / program).write_text("")
+        (tmp_path / "opt/bin" / program).chmod(0o700)
+    (tmp_path / "bin" / name).symlink_to(tmp_path / "opt/bin" / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    assert px4_process.find_build(None) == (tmp_path / "opt").resolve()
+    (tmp_path / "PX4-Autopilot/bin").mkdir(parents=True)  # what a user has built comes first
+    (tmp_path / "PX4-Autopilot/etc").mkdir()
+    (tmp_path / "PX4-Autopilot/bin/px4").write_text("")
+    assert px4_process.find_build(None) == (tmp_path / "PX4-Autopilot").resolve()
+
+
 def test_parameters_of_the_user_come_last(tmp_path: Path) -> None:
     given = tmp_path / "mine.params"
     given.write_text("# Onboard parameters\n1\t1\tMC_ROLL_P\t7.5\t9\n1\t1\tCA_ROTOR0_PX\t0.352\t9\n")

@@ -51,6 +51,12 @@ def test_a_build_tells_its_version_and_one_that_was_not_tried_is_doubted(tmp_pat
     assert version in check.found
 
 
+def test_an_installed_px4_tells_its_version_in_its_program(tmp_path) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/px4").write_bytes(b"\x7fELF\0v11.0.0 \0v1.17.0-beta1\0v9\0")
+    assert read_version("px4", tmp_path) == "1.17.0-beta1"
+
+
 def test_a_build_that_tells_no_version_is_not_doubted(tmp_path) -> None:
     for kind in VERSIONS:
         assert read_version(kind, tmp_path) == ""
