@@ -35,7 +35,7 @@ VEHICLES = Path(__file__).parent / "data" / "vehicles"
 
 MOST_ROTORS = 16
 """Outputs of a SERVO_OUTPUT_RAW message."""
-Spin = Literal[1, -1]
+Spin = Annotated[Literal[1, -1], NOT_TRUTH]
 
 
 class NoiseModel(Enum):

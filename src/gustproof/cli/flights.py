@@ -116,7 +116,8 @@ class Session:
 
         first = self._plans[0]
         names = [_controller_name(plan) for plan in self._plans]
-        with LivePage(first.scenario, names, first.vehicle, real_time=first.real_time) as page:
+        pilots, paced = [getattr(plan, "controller", None) for plan in self._plans], first.real_time
+        with LivePage(first.scenario, names, first.vehicle, real_time=paced, controllers=pilots) as page:
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             _open_page(page.address)
             import_module("gustproof.flight.routes.recorder")  # while the page's reader looks for Start

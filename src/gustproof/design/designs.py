@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from firmware_model.config.fields import NonNegative, Positive, PositiveVector, strict_dataclass
+from firmware_model.config.fields import NOT_TRUTH, NonNegative, Positive, PositiveVector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.vehicle import Vehicle
 from gustproof.airframe.generalized import Weights, rates_problem, torque_problem
@@ -85,7 +85,7 @@ class Design:
     """The autopilot's rate loops, in place of the lag alone; only beside `rate_loop_lag`, and without `W_r`."""
     gamma: Positive | None = None
     """[-] level to design for; defaults to `backoff` times the least."""
-    backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False)] = 1.05
+    backoff: Annotated[float, Field(gt=1.0, allow_inf_nan=False), NOT_TRUTH] = 1.05
     """[-] level as a multiple of the least."""
     scheduled: bool = False
     """True if the law uses the exact kinematics at its own attitude estimate, and limits the rate commanded from it to

@@ -23,7 +23,7 @@ from gustproof.flight.controllers.library import Library, load_library
 from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.routes.direct import check_compatible
 from gustproof.flight.routes.kernels import LANES, Batch, BatchSetup, allocate_batch, fly_free, fly_on_stand
-from gustproof.flight.scoring.metrics import Metrics, Tally, metrics_from_tally
+from gustproof.flight.scoring.metrics import Metrics, Tally, command_limit, metrics_from_tally
 from gustproof.flight.scoring.requirements import (
     RequirementResult,
     initial_readings,
@@ -188,7 +188,7 @@ def _fly_batch(
         seeds=np.ascontiguousarray(mix[:, 0], dtype=np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([each.limit for each in common]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else each.hover for each in common]),
-        torque_limit=_stack_lanes([case.vehicle.torque_limit for case in filled]),
+        torque_limit=_stack_lanes([command_limit(case.vehicle, law) for case in filled]),
         readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = _find_kernel(scenario)

@@ -96,12 +96,12 @@ class Flight(Tabled):
         """Figures; `None` if fewer than two samples were flown."""
         if len(self.records) < 2:
             return None
-        return measure(self.records, self.vehicle, self.scenario, self.realtime_factor)
+        return measure(self.records, self.vehicle, self.scenario, self.realtime_factor, law=self.law)
 
     @cached_property
     def requirements(self) -> tuple[RequirementResult, ...]:
         """Result of each requirement of the scenario."""
-        return judge(self.records, self.scenario, self.vehicle)
+        return judge(self.records, self.scenario, self.vehicle, law=self.law)
 
     @property
     def pilot_name(self) -> str:

@@ -17,11 +17,14 @@ from firmware_model.numerics.soa import Lane, get, get_vector, loader, put_vecto
 from firmware_model.recording.journal import OMEGA, Q_NB, TORQUE_COMMAND, record_blocks
 from firmware_model.types import Quaternion, Vector
 from gustproof.airframe.lpv import RATE_BOUND
+from gustproof.law.form import Law, Output
 from gustproof.robust.shown import Shown
 from gustproof.types import Array, Records
 
 SETTLED_S = 2.0
 """[s] time by which the step at the start, from rest to full wind, has settled; a shorter flight has no such time."""
+_ROUNDING = 1e-6
+"""[-] of a command by float32, as messages carry it."""
 _TWO_PI, _DEGREES = 2.0 * math.pi, 180.0 / math.pi
 
 
@@ -63,7 +66,7 @@ class Metrics(Shown):
     torque_slew_rms: float
     """[N*m/s] rms of the commanded torque's change from sample to sample over the sample time."""
     saturated_s: float
-    """[s] time with a commanded torque at the vehicle's limit on any axis."""
+    """[s] time with a commanded torque at its limit on any axis: the vehicle's, or a smaller one of the law's own."""
     rho_in_bounds: bool
     """True if rho stayed inside the paper's Table II: rates within 1.5 rad/s, roll and pitch within 90 deg."""
     realtime_factor: float
@@ -232,10 +235,24 @@ def _tally(rows: Array, first: int, limit: Array, dt: float, tally: Array) -> No
         tally_kernel(single(tally), first + k, single(limit), single(rows[k]), dt)
 
 
-def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float = 0.0) -> Metrics:
+def command_limit(vehicle: Vehicle, law: object) -> Array:
+    """Return the torque (3,) [N*m] at which a command is at its limit, the vehicle's or a smaller one of the law's own.
+
+    What is no law that commands torque has none of its own.
+    """
+    limit = np.array(vehicle.torque_limit)
+    if not isinstance(law, Law) or law.output is not Output.TORQUE:
+        return limit
+    own = (1.0 - _ROUNDING) * law.limits
+    return np.where(own < (1.0 - 2.0 * _ROUNDING) * limit, own, limit)
+
+
+def measure(
+    records: Records, vehicle: Vehicle, scenario: Scenario, realtime_factor: float = 0.0, *, law: object = None
+) -> Metrics:
     """Return the figures of one flight from its journal `records` (n,).
 
-    `realtime_factor` is kept as given: records do not tell it.
+    `realtime_factor` is kept as given: records do not tell it, nor the limits of the `law` in control.
 
     Raises
     ------
@@ -252,7 +269,7 @@ def measure(records: Records, vehicle: Vehicle, scenario: Scenario, realtime_fac
     """
     if len(records) < 2:
         raise ValueError(f"{len(records)} records, at least 2 are needed")
-    tally, limit, done = np.zeros(TALLY_SIZE), np.array(vehicle.torque_limit), 0
+    tally, limit, done = np.zeros(TALLY_SIZE), command_limit(vehicle, law), 0
     for block in record_blocks(records):
         _tally(as_rows(block), done, limit, scenario.dt, tally)
         done += len(block)

@@ -15,6 +15,7 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.timeline import Span, timeline
 from firmware_model.config.vehicle import Vehicle
 from gustproof.flight.scoring.estimator_view import attitude_errors
+from gustproof.flight.scoring.metrics import command_limit
 from gustproof.types import Array, Records
 
 BEFORE = "before"
@@ -89,12 +90,19 @@ def _join(spans: Sequence[Span]) -> str:
 
 
 def measure_phases(
-    records: Records, scenario: Scenario, vehicle: Vehicle, phases: Sequence[FlightPhase], until_s: float = math.inf
+    records: Records,
+    scenario: Scenario,
+    vehicle: Vehicle,
+    phases: Sequence[FlightPhase],
+    until_s: float = math.inf,
+    *,
+    law: object = None,
 ) -> tuple[PhaseFigures | None, ...]:
     """Return the figures of each phase in a flight's journal `records` (n,); `None` if it was not flown to its end.
 
-    What was flown `until_s` [s] counts alone: the time at which a flight failed. An axis' median is what the heading
-    error of an autopilot's compass leaves throughout; a mean would carry a large gust into the calm before it.
+    The `law` may have limits of its own. What was flown `until_s` [s] counts alone: the time at which a flight failed.
+    An axis' median is what the heading error of an autopilot's compass leaves throughout; a mean would carry a large
+    gust into the calm before it.
     """
     flown = len(records) if math.isinf(until_s) else min(len(records), scenario.sample_at(until_s))
     records = records[:flown]
@@ -102,7 +110,7 @@ def measure_phases(
     errors -= np.median(errors, axis=0) if flown else 0.0
     torque = np.asarray(records["torque_command_B"])
     slew = np.diff(torque, axis=0) / scenario.dt
-    saturated = (np.abs(torque) >= np.asarray(vehicle.torque_limit)).any(axis=1)
+    saturated = (np.abs(torque) >= command_limit(vehicle, law)).any(axis=1)
     windows = [[(scenario.sample_at(begin), scenario.sample_at(end)) for begin, end in each.windows] for each in phases]
     return tuple(
         _measure(each, errors, slew, float(scenario.dt * _pick(saturated, each).sum()))

@@ -15,7 +15,7 @@ from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.numerics.soa import Lane, get_vector, single
 from firmware_model.recording.journal import POSITION, record_blocks
 from firmware_model.types import AXES
-from gustproof.flight.scoring.metrics import TALLY_SIZE, Tally, as_rows, maximum, tally_kernel
+from gustproof.flight.scoring.metrics import TALLY_SIZE, Tally, as_rows, command_limit, maximum, tally_kernel
 from gustproof.law.references import references
 from gustproof.robust.shown import Shown
 from gustproof.types import Array, Records
@@ -128,8 +128,10 @@ def requirement_limits(requirement: Requirement) -> str:
     return " ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)
 
 
-def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[RequirementResult, ...]:
-    """Return the result of each requirement of `scenario` in a flight's journal `records` (n,).
+def judge(
+    records: Records, scenario: Scenario, vehicle: Vehicle, *, law: object = None
+) -> tuple[RequirementResult, ...]:
+    """Return the result of each requirement of `scenario` in a flight's journal `records` (n,), flown by `law`.
 
     Examples
     --------
@@ -141,7 +143,7 @@ def judge(records: Records, scenario: Scenario, vehicle: Vehicle) -> tuple[Requi
     recovery_s 1.09
     saturated_s 0.0
     """
-    readings, limit, tally = initial_readings(scenario, 1), np.array(vehicle.torque_limit), np.zeros(TALLY_SIZE)
+    readings, limit, tally = initial_readings(scenario, 1), command_limit(vehicle, law), np.zeros(TALLY_SIZE)
     stated, done = rules(scenario), 0
     for block in record_blocks(records[: scenario.samples]):
         reference = references(scenario, done, done + len(block))

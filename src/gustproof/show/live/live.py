@@ -41,10 +41,18 @@ _NO_RECORDS = np.empty(0, dtype=RECORD)
 class LivePage:
     """The page and its data sources; a context manager that leaves no thread and no socket behind.
 
-    `laws` are the laws that the page lets choose from, at least one.
+    `laws` are the laws that the page lets choose from, at least one; `controllers` are what has these names.
     """
 
-    def __init__(self, scenario: Scenario, laws: Sequence[str], vehicle: Vehicle, *, real_time: bool) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        laws: Sequence[str],
+        vehicle: Vehicle,
+        *,
+        real_time: bool,
+        controllers: Sequence[object] = (),
+    ) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
@@ -58,7 +66,7 @@ class LivePage:
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
-        self._law = 0
+        self._law, self._controllers = 0, (*controllers, *[None] * len(laws))[: len(laws)]
         self._requests: dict[str, float] = {}
         self._station: GroundStation | None = None
         self._threads: list[Thread] = []
@@ -145,7 +153,7 @@ class LivePage:
             self._station.end()
         for thread in self._threads:
             thread.join(_JOIN_TIMEOUT_S)
-        status = requirement_status(records, self._scenario, self._vehicle, over=True)
+        status = self._status(records, over=True)
         self._threads, self._station = [], None
         self._requests.pop(PAUSE_NAME, None)
         self._report = report or self._report
@@ -171,8 +179,12 @@ class LivePage:
         while not self._done.wait(max(_JUDGE_S, spent_s / _JUDGE_SHARE)):
             begun_s = time.thread_time()
             _, records = read_journal(journal)
-            self._buffer.update(lights=requirement_status(records, self._scenario, self._vehicle, over=False))
+            self._buffer.update(lights=self._status(records, over=False))
             spent_s = time.thread_time() - begun_s
+
+    def _status(self, records: Records, *, over: bool) -> list[dict[str, Any]]:
+        law = self._controllers[self._law]
+        return requirement_status(records, self._scenario, self._vehicle, over=over, law=law)
 
     def _start(self, value: Any) -> None:
         is_over = self._buffer["phase"] == "over"
@@ -181,9 +193,7 @@ class LivePage:
         chosen = {"phase": "starting", "message": "", "law": self._buffer["laws"][self._law], "texts": []}
         if is_over:
             self._done.clear()
-            self._buffer.restart(
-                **chosen, lights=requirement_status(_NO_RECORDS, self._scenario, self._vehicle, over=False)
-            )
+            self._buffer.restart(**chosen, lights=self._status(_NO_RECORDS, over=False))
         else:
             self._buffer.update(**chosen)
         self._started.set()

@@ -10,7 +10,9 @@ from gustproof.flight.scoring.requirements import judge, requirement_limits, req
 from gustproof.types import Records
 
 
-def requirement_status(records: Records, scenario: Scenario, vehicle: Vehicle, *, over: bool) -> list[dict[str, Any]]:
+def requirement_status(
+    records: Records, scenario: Scenario, vehicle: Vehicle, *, over: bool, law: object = None
+) -> list[dict[str, Any]]:
     """Return the status of each requirement after the journal `records` (n,); none is dark once the flight is `over`.
 
     `held` is null for a dark one. `value` has the unit of the text, and is null if it is not finite.
@@ -18,7 +20,7 @@ def requirement_status(records: Records, scenario: Scenario, vehicle: Vehicle, *
     if len(records) < 2:
         values = [(requirement, math.nan, False) for requirement in scenario.require]
     else:
-        values = [(each.requirement, each.value, each.is_met) for each in judge(records, scenario, vehicle)]
+        values = [(each.requirement, each.value, each.is_met) for each in judge(records, scenario, vehicle, law=law)]
     return [
         {
             "text": _text(requirement),

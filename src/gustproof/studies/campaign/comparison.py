@@ -245,7 +245,9 @@ def _fly(scenario: Scenario, vehicle: Vehicle, controller: AnyController, seed: 
     if not isinstance(controller, ExternalAutopilot):
         with np.errstate(all="ignore"):  # a loop that diverges is a result
             flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
-            return _read_flight(flight, measure(flight.records, vehicle, scenario), None, find_phases(scenario))
+            return _read_flight(
+                flight, measure(flight.records, vehicle, scenario, law=controller), None, find_phases(scenario)
+            )
     with TemporaryDirectory() as folder:
         flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
     if flight.outcome is FlightOutcome.INTERRUPTED:
@@ -269,7 +271,9 @@ def _read_flight(
         torque_slew_rms=figures.torque_slew_rms,
         realtime_factor=figures.realtime_factor or None,
         failed=failed,
-        phases=measure_phases(flight.records, flight.scenario, flight.vehicle, phases, until_s) if phases else (),
+        phases=measure_phases(flight.records, flight.scenario, flight.vehicle, phases, until_s, law=flight.law)
+        if phases
+        else (),
     )
 
 

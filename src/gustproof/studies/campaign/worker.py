@@ -139,8 +139,8 @@ def _make_simulator(campaign: Campaign, law: AnyController) -> Simulator:
         script, flight = case.apply_to(scenario), _fly_alone(campaign, law, case)
         if flight.outcome in ENTRY_FAILURES or flight.outcome is FlightOutcome.DIVERGED:
             raise ValueError(flight.message)
-        metrics = measure(flight.records, case.vehicle, script)
-        return CaseResult(metrics=metrics, requirements=judge(flight.records, script, case.vehicle))
+        metrics = measure(flight.records, case.vehicle, script, law=law)
+        return CaseResult(metrics=metrics, requirements=judge(flight.records, script, case.vehicle, law=law))
 
     return lambda cases: [fly(case) for case in cases]
 

@@ -144,7 +144,7 @@ def analyse(law: Law, vehicle: Vehicle, scenario: Scenario, *, seed: int = 1) ->
         step_records=fly_direct(stepped, law, vehicle=vehicle, seed=seed),
         step_moment=step_moment,
         records=records,
-        metrics=measure(records, vehicle, scenario),
+        metrics=measure(records, vehicle, scenario, law=law),
         gust_alone=_measure_flight(quiet, law, vehicle, seed),
         noise_alone=_measure_flight(replace(scenario, wind=(), moment=()), law, vehicle, seed),
     )
@@ -249,7 +249,7 @@ def _describe_rate_limit(law: Law) -> str:
 
 
 def _measure_flight(scenario: Scenario, law: Law, vehicle: Vehicle, seed: int) -> Metrics:
-    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario)
+    return measure(fly_direct(scenario, law, vehicle=vehicle, seed=seed), vehicle, scenario, law=law)
 
 
 def pole_pairs(poles: ComplexMatrix) -> list[tuple[float, float]]:

@@ -122,8 +122,8 @@ def fly_failure(
         change=change,
         scenario=script,
         vehicle=vehicle,
-        figures=measure(fly_direct(script, law, vehicle=vehicle, seed=seed), vehicle, script),
-        nominal=measure(fly_direct(scenario, law, vehicle=nominal, seed=seed), nominal, scenario),
+        figures=measure(fly_direct(script, law, vehicle=vehicle, seed=seed), vehicle, script, law=law),
+        nominal=measure(fly_direct(scenario, law, vehicle=nominal, seed=seed), nominal, scenario, law=law),
     )
 
 

@@ -99,7 +99,7 @@ def weigh(now: Judgement, better: Judgement, seed: int) -> Improvement | None:
     failure, flown = now.failure, None
     if failure is not None and math.isclose(failure.scenario.dt, better.law.dt):
         records = fly_direct(failure.scenario, better.law, vehicle=failure.vehicle, seed=seed)
-        flown = measure(records, failure.vehicle, failure.scenario)
+        flown = measure(records, failure.vehicle, failure.scenario, law=better.law)
     weighed = Improvement(now=now, better=better, where_now_fails=flown)
     return weighed if weighed.brings else None
 

@@ -77,6 +77,13 @@ def test_true_is_no_number(key):
         validate(Vehicle, {"name": "flag", **read_document(vehicle_path("iris")), key: True}, "flag.toml")
 
 
+def test_true_is_no_spin():
+    document = read_document(vehicle_path("iris"))
+    rotors = {**document["rotors"], "spin": [True, 1, -1, -1]}
+    with pytest.raises(ConfigError, match=r"rotors.spin.0: must be a number, not true or false"):
+        validate(Vehicle, {"name": "flag", **take_nominal({**document, "rotors": rotors}, "flag.toml")}, "flag.toml")
+
+
 @pytest.mark.parametrize(
     ("key", "given", "other"),
     [
@@ -87,6 +94,12 @@ def test_true_is_no_number(key):
         ("gyro.range", "range = 34.9 ", "range = 2000.0 "),
         ("rotors.thrust_max", "thrust_max = 7.0664", "thrust_max = 720.0"),
         ("rotors.position_B", "[[0.13, 0.22, -0.023], [-0.13, -0.2,", "[[0.13, 0.22, -0.023], [-130, -200,"),
+        ("rotors.drag_ratio", "drag_ratio = 0.06 ", "drag_ratio = 60.0 "),
+        ("rotors.position_B", "-0.023], [-0.13", "-23.0], [-0.13"),
+        ("gear.height", "height = ", "height = 1e3 # "),
+        ("gear.sag", "sag = ", "sag = 5.0 # "),
+        ("drag_area", "drag_area = ", "drag_area = 100.0 # "),
+        ("position.xy_velocity_max", "xy_velocity_max = ", "xy_velocity_max = 1200.0 # "),
         ("actuator_lag", "{ nominal = 0.025, low = 0.0175, high = 0.0325 }", "25.0"),
         ("inertia_B", "inertia_B = [", "inertia_B = [291.25, 291.25, 552.25]\n[x]\ny = ["),
     ],

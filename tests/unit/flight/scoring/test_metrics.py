@@ -1,6 +1,7 @@
 """Metrics against flights whose figures are known by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,16 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD
 from gustproof.flight.scoring import metrics
-from gustproof.flight.scoring.metrics import Metrics, angle_share, attitude, measure, median_metrics, peak_rate
+from gustproof.flight.scoring.metrics import (
+    Metrics,
+    angle_share,
+    attitude,
+    command_limit,
+    measure,
+    median_metrics,
+    peak_rate,
+)
+from gustproof.law.form import load_law
 
 VEHICLE, SCENARIO = load_vehicle("paper"), load_scenario("paper")
 ROUNDING = 1e-12  # relative: a few operations in double precision
@@ -140,3 +150,14 @@ def test_medians_are_taken_figure_by_figure_and_bounds_must_hold_in_every_flight
     assert result.peak_roll_deg == flights[1].peak_roll_deg
     assert result.torque_peak_nm == flights[2].torque_peak_nm
     assert not result.rho_in_bounds
+
+
+def test_a_law_is_saturated_at_its_own_limits_where_these_are_smaller() -> None:
+    law, records = load_law("flagship"), flight()
+    small = replace(law, limits=0.1 * law.limits)
+    for limit, first in zip(small.limits, (0, 10, 20), strict=True):
+        records["torque_command_B"][first : first + 10, first // 10] = -np.float32(limit)  # as a message carries it
+    assert measure(records, VEHICLE, SCENARIO).saturated_s == 0.0
+    assert measure(records, VEHICLE, SCENARIO, law=small).saturated_s == pytest.approx(30 * SCENARIO.dt)
+    for unlimited in (None, law, replace(law, limits=3.0 * law.limits), load_law("hinf-rates")):
+        assert command_limit(VEHICLE, unlimited).tolist() == [*VEHICLE.torque_limit]

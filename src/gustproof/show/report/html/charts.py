@@ -8,7 +8,7 @@ import numpy as np
 
 from firmware_model.autopilot.modes import Mode
 from firmware_model.config.vehicle import MOST_ROTORS
-from gustproof.flight.scoring.metrics import attitude
+from gustproof.flight.scoring.metrics import attitude, command_limit
 from gustproof.show.report.html.marks import History, Mark, limit_marks
 from gustproof.show.report.html.runs import ReportRun
 from gustproof.show.report.thinned import decimate
@@ -92,7 +92,7 @@ def _in_degrees(name: str) -> Values:
 
 
 def _torque_share(run: ReportRun) -> Array:
-    share = np.abs(run.records["torque_command_B"]) / np.array(run.vehicle.torque_limit)
+    share = np.abs(run.records["torque_command_B"]) / command_limit(run.vehicle, run.law)
     return np.asarray(np.max(share, axis=1, keepdims=True))
 
 
