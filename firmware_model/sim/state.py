@@ -224,10 +224,18 @@ def noise_mix(seed: int, turns: Sequence[NoiseRotation]) -> Array:
     ValueError
         If the seed is not in [0, 2^32).
     """
+    return np.array(noise_rows(seed, turns))
+
+
+def noise_rows(seed: int, turns: Sequence[NoiseRotation]) -> list[Vector]:
+    """Return the rows of `noise_mix`, and raise what it raises."""
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
-    turned = [(float(turn.seed), *reversed(sin_cos(turn.angle_rad))) for turn in turns]
-    return np.array([(float(seed), 0.0, 1.0), *turned])
+    rows = [(float(seed), 0.0, 1.0)]
+    for turn in turns:
+        sine, cosine = sin_cos(turn.angle_rad)
+        rows.append((float(turn.seed), cosine, sine))
+    return rows
 
 
 def _pack_params(vehicle: Vehicle, scenario: Scenario, gusts: _Turbulence, gust_scale: float) -> Array:

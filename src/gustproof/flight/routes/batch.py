@@ -17,7 +17,7 @@ from firmware_model.numerics.compiled import find_cache
 from firmware_model.numerics.soa import aligned_zeros
 from firmware_model.physics.disturbances import make_replay, make_waves
 from firmware_model.sim import inner_loop
-from firmware_model.sim.state import Array, CommonStart, common_start, noise_mix
+from firmware_model.sim.state import Array, CommonStart, common_start, noise_rows
 from firmware_model.types import Vector
 from gustproof.flight.controllers.library import Library, load_library
 from gustproof.flight.controllers.user_controller import UserController
@@ -64,12 +64,6 @@ class Case:
         begins = scenario.initial_attitude_deg if self.initial_attitude_deg is None else self.initial_attitude_deg
         scale, turns = self.gust_scale * scenario.gust_scale, (*scenario.turn, *self.turns)
         return replace(scenario, gust_scale=scale, initial_attitude_deg=begins, turn=turns)
-
-    def make_mix(self, scenario: Scenario, width: int) -> Array:
-        """Return the seeds and factors (width, 3) of `mixed_normals`; rows past those needed change no noise."""
-        mix = noise_mix(self.seed, (*scenario.turn, *self.turns))
-        spare = width - len(mix)
-        return np.vstack([mix, np.tile((0.0, 1.0, 0.0), (spare, 1))]) if spare else mix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +175,7 @@ def _fly_batch(
     states = [
         each.start.draw(mix, case.initial_attitude_deg) for each, mix, case in zip(common, mixes, filled, strict=True)
     ]
-    mix, torque = np.moveaxis(np.array(mixes), 0, 2), law.output is Output.TORQUE
+    mix, torque = np.moveaxis(mixes, 0, 2), law.output is Output.TORQUE
     batch = Batch(
         params=_stack_lanes([each.start.initial.params for each in common]), state=_stack_lanes(states),
         changes=_merge_changes([each.start.initial.changes for each in common]),
@@ -202,10 +196,14 @@ def _fly_batch(
     ]
 
 
-def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> list[Array]:
-    """Return the seeds and factors (n, 3) of each case, as many rows for each as the most turned one needs."""
-    width = 1 + len(scenario.turn) + max(len(case.turns) for case in cases)
-    return [case.make_mix(scenario, width) for case in cases]
+def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> Array:
+    """Return the seeds and factors (cases, n, 3) of `mixed_normals`, as many rows for each as the most turned needs.
+
+    Rows past those that a case needs change no noise.
+    """
+    mixes = [noise_rows(case.seed, (*scenario.turn, *case.turns)) for case in cases]
+    width = max(map(len, mixes))
+    return np.array([[*rows, *[(0.0, 1.0, 0.0)] * (width - len(rows))] for rows in mixes])
 
 
 def _find_common(scenario: Scenario, case: Case, known: dict[tuple[int, float], _Common]) -> _Common:

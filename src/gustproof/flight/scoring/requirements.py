@@ -174,15 +174,17 @@ def initial_readings(scenario: Scenario, width: int) -> Array:
 def results_from_readings(scenario: Scenario, readings: Array, samples: int) -> Iterator[tuple[RequirementResult, ...]]:
     """Yield the results of each flight after `samples` samples, from the readings (n, READING_SIZE, width)."""
     windows = [scenario.window(requirement) for requirement in scenario.require]
-    stated, dt = list(zip(scenario.require, windows, strict=True)), scenario.dt
-    for flight in np.moveaxis(readings, 2, 0).tolist():
+    flown, dt = [end <= samples for _, end in windows], scenario.dt
+    values = np.full((len(windows), readings.shape[2]), np.nan)
+    for row, requirement, window, whole, reading in zip(
+        values, scenario.require, windows, flown, readings, strict=True
+    ):
+        if whole:
+            row[:] = _values(requirement, window, reading, dt)
+    for flight in values.T.tolist():
         yield tuple(
-            RequirementResult(
-                requirement=requirement,
-                value=_value(requirement, window, reading, dt) if window[1] <= samples else math.nan,
-                judged=window[1] <= samples,
-            )
-            for (requirement, window), reading in zip(stated, flight, strict=True)
+            RequirementResult(requirement=requirement, value=value, judged=whole)
+            for requirement, value, whole in zip(scenario.require, flight, flown, strict=True)
         )
 
 
@@ -207,23 +209,21 @@ def _axes(requirement: Requirement) -> tuple[int, int]:
     return (0, 3) if axis is None else (axis, axis + 1)
 
 
-def _value(requirement: Requirement, window: tuple[int, int], reading: list[float], dt: float) -> float:
-    """Return the measured value [unit of the metric] of a `window` [samples] that was flown to its end."""
+def _values(requirement: Requirement, window: tuple[int, int], reading: Array, dt: float) -> Array:
+    """Return the values (width,) [unit of the metric] of flights in a `window` [samples] that was flown to its end."""
     (begin, end), (low, high) = window, _axes(requirement)
-    value, first, last = reading[0], reading[_FIRST], reading[_LAST]
+    value: Array = reading[0]
+    first: Array = reading[_FIRST]
+    last: Array = reading[_LAST]
     match requirement.metric:
         case Metric.RMSE | Metric.TORQUE_RMS:
-            return math.sqrt(value / ((end - begin) * (high - low)))
+            return np.sqrt(value / ((end - begin) * (high - low)))
         case Metric.TORQUE_SLEW:
-            return math.sqrt(value / ((end - begin - 1) * (high - low)))
-        case Metric.SETTLING | Metric.RECOVERY if last < 0.0:
-            return 0.0
-        case Metric.SETTLING | Metric.RECOVERY if last == end - 1:
-            return math.inf
-        case Metric.SETTLING:
-            return (last + 1.0 - begin) * dt
-        case Metric.RECOVERY:
-            return (last + 1.0 - first) * dt
+            return np.sqrt(value / ((end - begin - 1) * (high - low)))
+        case Metric.SETTLING | Metric.RECOVERY:
+            since = begin if requirement.metric is Metric.SETTLING else first
+            lasted = np.where(last == end - 1, np.inf, (last + 1.0 - since) * dt)
+            return np.where(last < 0.0, 0.0, lasted)
         case Metric.OVERSHOOT:
             return 100.0 * value
         case Metric.SATURATED:
