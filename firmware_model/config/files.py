@@ -29,6 +29,7 @@ _TOML = 2 * MIB  # [bytes] the parser takes seconds for this much
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")  # the parser's time grows with its square
 _MARK = b"\xef\xbb\xbf"  # byte order mark of UTF-8
 _KEYS = 50_000  # of a document: each unknown key is an error and takes a kilobyte until it is reported
+_HEAD = 16  # [bytes] that tell kinds apart
 _LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
 
 
@@ -42,6 +43,20 @@ _SUFFIXES = {  # of files of other kinds, by what takes them
     **dict.fromkeys((".params", ".param", ".parm"), "parameters are given as --law or --params, or to judge"),
     **dict.fromkeys((".ulg", ".bin", ".log", ".csv"), "gustproof identify makes a vehicle of a flight log"),
     ".parquet": "a campaign's table is for gustproof report",
+}
+_LOG = "a flight log: gustproof report shows it, identify makes a vehicle of it"
+_RECORDING = "a recorded flight: give its folder to gustproof report or replay"
+_BEGINS = {  # of files that are no text
+    b"ULog": _LOG,
+    b"\xa3\x95": _LOG,
+    b"\x89MCAP0": _RECORDING,
+    b"PAR1": "a campaign's table: gustproof report shows it",
+    b"MATLAB 5.0": "a law: give it as --law",
+    b"<!DOCTYPE": "a page for a browser",
+}
+_FORMATS = {
+    "gustproof-law-": "a law: give it as --law",
+    "gustproof-certificate-": "a certificate: gustproof certify check reads it",
 }
 _HINTS = {("law", ".mat"): "gustproof export FILE.mat --law FILE.json makes one of it"}  # where only a law file will do
 
@@ -207,16 +222,39 @@ def _refuse_other_kind(kind: str, document: Mapping[str, Any], path: Path) -> No
             raise ConfigError(f"{path}: is {what}")
 
 
-def refuse_toml(path: Path) -> None:
-    """Refuse a file of ours that stands where none of its form belongs: say what it is, and where it is taken.
+def tell_kind(path: Path) -> str:
+    """Return what a file or folder is that stands where none of its kind belongs, after a semicolon; empty if unknown.
 
-    Raises
-    ------
-    ConfigError
-        If it is a vehicle, scenario or design file, or any other file that ends in .toml and can't be read.
+    It is told by what is in it. A file that can't be read is of no kind.
     """
-    if path.suffix == ".toml" and path.exists():
-        _refuse_other_kind("", read_document(path), path)
+    try:
+        what = _find_kind_of_folder(path) if path.is_dir() else _find_kind(path)
+    except (ConfigError, OSError, ValueError):
+        return ""
+    return what and f"; it is {what}"
+
+
+def _find_kind_of_folder(path: Path) -> str:
+    if (path / "facts.json").exists():
+        return "a law as tables: give it as --law"
+    return _RECORDING if next(path.glob("**/*.mcap"), None) or next(path.glob("*.journal"), None) else "a folder"
+
+
+def _find_kind(path: Path) -> str:
+    with open_regular(path) as file:
+        head = file.read(_HEAD)
+    if found := [what for begin, what in _BEGINS.items() if head.startswith(begin)]:
+        return found[0]
+    if path.suffix.lower() in (".params", ".param", ".parm"):
+        return "a parameter file: give it as --law or --params, or to judge"
+    if head.startswith(b"{"):
+        document = parse_json(read_text(path))
+        told = str(document.get("format", "")) if isinstance(document, dict) else ""
+        return next((what for begin, what in _FORMATS.items() if told.startswith(begin)), "")
+    if path.suffix == ".toml":
+        document = read_document(path)
+        return next((what for key, what in _KINDS.values() if key in document), "")
+    return ""
 
 
 def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str = ".toml") -> Path:
@@ -231,13 +269,13 @@ def shipped_path(kind: str, name_or_path: str | Path, folder: Path, suffix: str 
     if path.suffix == suffix:
         return path
     if path.exists() and path.suffix != suffix and ("/" in str(name_or_path) or path.suffix):
-        refuse_toml(path)
         hint = _HINTS.get((kind, path.suffix.lower()), _SUFFIXES.get(path.suffix.lower(), ""))
-        raise ConfigError(f"{path}: is no {kind}, which is a {suffix} file or a name{hint and f'; {hint}'}")
+        told = tell_kind(path) if (kind, path.suffix.lower()) not in _HINTS else ""
+        raise ConfigError(f"{path}: is no {kind}, which is a {suffix} file or a name{told or (hint and f'; {hint}')}")
     if str(name_or_path) not in (shipped := list_shipped(folder, suffix)):
         name, near = sanitize_line(str(name_or_path)), did_you_mean(str(name_or_path), shipped)
         instead = f"{near} Or" if near else ":"
-        listed = f"a name that `gustproof {kind} list` shows"
+        listed = f"a name that `gustproof {kind} list` shows{tell_kind(path)}"
         raise ConfigError(f"no {kind} named '{name}'{instead} give a {suffix} file, or {listed}")
     return folder / f"{name_or_path}{suffix}"
 

@@ -104,7 +104,7 @@ class Session:
         comparison = None if interrupted or self._compare is None else self._compare(result)
         _print_flight(result, comparison, as_json=self._as_json)
         if interrupted:
-            raise exit_with(f"interrupted; {_say_kept(folder)}", ExitStatus.INTERRUPTED)
+            raise exit_with(f"interrupted; {_say_kept(result, folder)}", ExitStatus.INTERRUPTED)
         for path in self._files:
             _write_file(path, result)
         self._failure = self._failure or _report_failures(result, comparison, folder)
@@ -194,9 +194,9 @@ def _print_flight(result: "Flight", comparison: Comparison | None, *, as_json: b
             print_next("report", result.bag, "-o", "report.html")
 
 
-def _say_kept(folder: Path) -> str:
-    """Return what is left of a flight that broke off."""
-    return f"the recording so far is in {folder}" if folder.exists() else "nothing was flown, and nothing is left"
+def _say_kept(result: "Flight", folder: Path) -> str:
+    """Return what is left of a flight that broke off: a folder alone is no recording."""
+    return f"the recording so far is in {folder}" if result.bag else "nothing was flown, and no recording is left"
 
 
 def _report_failures(result: "Flight", comparison: Comparison | None, folder: Path) -> typer.Exit | None:
@@ -206,7 +206,7 @@ def _report_failures(result: "Flight", comparison: Comparison | None, folder: Pa
     if comparison:
         print(f"gustproof: {comparison[1]}", file=sys.stderr)
     if not result.has_expected_outcome:
-        return exit_with(f"{result.message}; {_say_kept(folder)}", ExitStatus.FLIGHT_BROKE_OFF)
+        return exit_with(f"{result.message}; {_say_kept(result, folder)}", ExitStatus.FLIGHT_BROKE_OFF)
     failed = sum(not each.is_met for each in result.requirements)
     if failed:
         return exit_with(f"{failed} of {len(result.requirements)} requirements failed", ExitStatus.REQUIREMENT_FAILED)

@@ -32,7 +32,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.files import checked_name, list_shipped, parse_json, read_text, shipped_path, write_text
+from firmware_model.config.files import (
+    checked_name,
+    list_shipped,
+    parse_json,
+    read_text,
+    shipped_path,
+    tell_kind,
+    write_text,
+)
 from firmware_model.config.validation import sanitize_line
 from firmware_model.config.vehicle import Vehicle, list_vehicles, load_vehicle, vehicle_digest
 from firmware_model.errors import ConfigError
@@ -358,6 +366,9 @@ def doubt_vehicle(law: Law, vehicle: Vehicle) -> str:
     return f"law '{law.name}' was designed for vehicle '{made_for}', {other}"
 
 
+_OURS = "; it is a law"
+
+
 def load_law(name_or_path: str | Path) -> Law:
     """Read a law file, or a shipped law by its name.
 
@@ -378,7 +389,10 @@ def load_law(name_or_path: str | Path) -> Law:
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
-        raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}") from None
+        raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}{tell_kind(path)}") from None
+    if isinstance(document, dict) and document.get("format") != FORMAT:
+        told = tell_kind(path)
+        raise LawFileError(f"{path}: format: must be '{FORMAT}'{'' if _OURS in told else told}")
     return parse_law(document, str(path))
 
 

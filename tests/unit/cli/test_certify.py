@@ -11,6 +11,9 @@ from typer.testing import CliRunner
 
 from firmware_model.config.vehicle import load_vehicle, vehicle_path
 from gustproof.airframe.rotational import Envelope
+from gustproof.checker.evidence import FORMAT
+from gustproof.checker.flight_box import KIND
+from gustproof.checker.gaussian_box import KIND as CHANCE
 from gustproof.cli.app import app
 from gustproof.design.designs import design_problem, list_designs, load_design
 from gustproof.law.form import law_path
@@ -116,7 +119,7 @@ def test_the_law_that_flies_is_proved_to_stay_in_a_box(tmp_path: Path):
         refused = run("check", str(path), "--law", law, "--vehicle", vehicle)
         assert refused.exit_code == 1
         assert "is not the one of this certificate" in refused.stdout
-    assert "give both" in run("check", str(path)).stdout
+    assert "is about a flight: give --law" in run("check", str(path)).stderr
 
 
 def test_a_flight_without_horizon_bounds_the_laws_own_attitude_with_its_risk():
@@ -211,6 +214,27 @@ def test_bad_input_is_one_clear_line_and_status_2(arguments: tuple[str, ...], wo
 
 
 @pytest.mark.parametrize(
+    ("kind", "options", "words"),
+    [
+        ("gain", ("--law", "flagship"), "is about a gain: leave out --law"),
+        ("gain", ("--vehicle", "paper"), "is about a gain: leave out --vehicle"),
+        ("flight", ("--law", "flagship"), "is about a flight: give --vehicle"),
+        ("flight", ("--law", "flagship", "--vehicle", "paper", "--air", "calm"), "is about a flight: leave out --air"),
+        ("chance", ("--law", "flagship", "--vehicle", "paper"), "is about a flight's chance: give --air"),
+        ("flight", ("--design", "D2", *ENVELOPE), "is about a flight: leave out --design"),
+    ],
+)
+def test_a_check_with_options_of_another_kind_is_a_wrong_command_not_a_refusal(kind, options, words, tmp_path: Path):
+    """It had the status of a proof that does not hold."""
+    names = {"flight": KIND, "chance": CHANCE}
+    file = tmp_path / "c.json"
+    file.write_text(json.dumps({"format": FORMAT, "evidence": {"kind": names.get(kind, kind)}}))
+    result = run("check", str(file), *options)
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("boxes", "flagship"), "'boxes' is none of box, gain, air, check"),
@@ -273,7 +297,7 @@ def test_an_air_is_proved_and_checked_from_the_files(breath: str, tmp_path: Path
     checked = json.loads(run("check", path, *files, breath, "--json").stdout)
     assert (checked["proven"], checked["truth_deg"]) == (True, told["attitude_deg"])
     assert run("check", path, *files, "paper-turbulence").exit_code == 1
-    assert run("check", path, *files[:-1]).exit_code == 1
+    assert run("check", path, *files[:-1]).exit_code == 2
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -84,7 +84,7 @@ def check(
 
     A box is derived again from the files of law and vehicle, and of its air. With --design, its envelope and the
     options that it was proved with, so is the loop of a gain; the lower bound is flown again. What a check does not
-    use is refused. Exit status: 0 proven, 1 not proven or refused.
+    use is refused. Exit status: 0 proven, 1 not proven or refused, 2 bad input.
 
         gustproof certify check certificate.json
         gustproof certify check certificate.json --design hinf-d2 --angle-rad 0.1 --rate-rad-s 0.5
@@ -145,7 +145,7 @@ def _check(
 
     That of a gain is about the `derived` loop, if given, which flies again.
     """
-    from firmware_model.config.files import parse_json, read_text
+    from firmware_model.config.files import parse_json, read_text, tell_kind
     from firmware_model.config.scenario import scenario_path
     from firmware_model.config.vehicle import vehicle_path
     from gustproof.checker.evidence import FORMAT, check_certificate
@@ -153,6 +153,8 @@ def _check(
     from gustproof.law.form import law_path
     from gustproof.robust.gain.lft_gain import derived_loop, lower_bound
 
+    if path.is_dir():
+        raise ConfigError(f"{path}: not a certificate{tell_kind(path)}")
     try:
         text = read_text(path)
         claimed = parse_json(text)
@@ -160,15 +162,32 @@ def _check(
         vehicle_text = _read_given(vehicle, vehicle_path)
         air_text = _read_given(air, scenario_path)
     except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}") from None
+        raise ConfigError(f"{path}: not a certificate, which is JSON{tell_kind(path) or f': {error}'}") from None
     if not isinstance(claimed, dict) or claimed.get("format") != FORMAT:
-        raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'")
+        raise ConfigError(f"{path}: not a certificate: its format must be '{FORMAT}'{tell_kind(path)}")
+    _refuse_misuse(path, claimed, {"--law": law, "--vehicle": vehicle, "--air": air}, is_of_design=derived is not None)
     loop = None if derived is None else derived_loop(*derived)
     verdict = check_certificate(text, law=law_text, vehicle=vehicle_text, scenario=air_text, loop=loop)
     if verdict.accepted and derived is not None:
         verdict = _weigh(verdict, lower_bound(*derived[:3]))
     _show_verdict(verdict, as_json=as_json)
     return verdict.accepted and name_verdict(verdict.figures, verdict.assumes) == PROVEN
+
+
+def _refuse_misuse(path: Path, claimed: "dict[str, Any]", given: dict[str, str | None], *, is_of_design: bool) -> None:
+    """Refuse options that a certificate of this kind does not use, or lacks: the command is wrong, not the proof."""
+    from gustproof.checker.flight_box import KIND
+    from gustproof.checker.gaussian_box import KIND as CHANCE
+
+    evidence = claimed.get("evidence")
+    kind = str(evidence.get("kind")) if isinstance(evidence, dict) else ""
+    used = {KIND: ("--law", "--vehicle"), CHANCE: ("--law", "--vehicle", "--air")}.get(kind, ())
+    about = {KIND: "a flight", CHANCE: "a flight's chance"}.get(kind, "a gain")
+    if used and is_of_design:
+        raise ConfigError(f"{path}: is about {about}: leave out --design")
+    for option, name in given.items():
+        if (name is None) == (option in used):
+            raise ConfigError(f"{path}: is about {about}: {'give' if name is None else 'leave out'} {option}")
 
 
 def _read_given(name: str | None, find: "Callable[[str], Path]") -> str | None:

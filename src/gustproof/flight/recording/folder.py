@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from firmware_model.config.files import tell_kind
 from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import locked_folder
 
@@ -73,9 +74,8 @@ def find_bags(run: Path) -> list[Path]:
         If there is none, or no such folder.
     """
     if not run.is_dir():
-        raise ConfigError(
-            f"{run}: {'is a file, not the folder of a flight' if run.exists() else 'no such file or folder'}"
-        )
+        is_file = f"is a file, not the folder of a flight{tell_kind(run)}"
+        raise ConfigError(f"{run}: {is_file if run.exists() else 'no such file or folder'}")
     folders = [run, *sorted(run.iterdir())]
     bags = [folder for folder in folders if (folder / "metadata.yaml").is_file()]
     if not bags:

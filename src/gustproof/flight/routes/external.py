@@ -22,7 +22,7 @@ from firmware_model.config.firmware import check_rotors
 from firmware_model.config.scenario import CONTROL_RATE_HZ, Scenario
 from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, naming
 from firmware_model.external.interface import SAMPLE_RATES_HZ, WITHOUT_LOCKSTEP, ExternalOutcome, scenario_for
 from firmware_model.recording.estimates import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import RECORD, count_records, read_journal
@@ -302,7 +302,8 @@ def _write_inputs(plan: ExternalPlan, inputs: Path, journal: Path, folder: Path)
     arguments = ["--exit-on-stdin-eof"]
     for name, document in documents.items():
         path = inputs / f"{name}.json"
-        path.write_text(json.dumps(document), encoding="utf-8")
+        with naming(folder):
+            path.write_text(json.dumps(document), encoding="utf-8")
         arguments += [f"--{name}", str(path)]
     autopilot = plan.autopilot
     arguments += ["--autopilot", autopilot.kind, "--seed", str(plan.seed)]

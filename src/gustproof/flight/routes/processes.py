@@ -23,7 +23,7 @@ from pydantic_core import to_jsonable_python
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
-from firmware_model.errors import ConfigError
+from firmware_model.errors import ConfigError, naming
 from firmware_model.process.child import share_core
 from firmware_model.process.fork import can_fork, run_in_copy
 from firmware_model.recording.journal import count_records, read_journal, record_type
@@ -161,14 +161,15 @@ def _check_rate(scenario: Scenario, controller: Controller) -> None:
 
 
 def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:
-    """Write the files that the processes read, and return their paths by content."""
+    """Write the files that the processes read, and return their paths by content; an error names the folder above."""
     files = {name: folder / f"{name}.json" for name in ("scenario", "vehicle", "nominal", "law", "note")}
-    files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
-    files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
-    files["nominal"].write_text(json.dumps(to_jsonable_python(plan.nominal or plan.vehicle)), encoding="utf-8")
-    files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
-    if isinstance(plan.controller, Law):
-        plan.controller.save(files["law"])
+    with naming(folder.parent):
+        files["scenario"].write_text(json.dumps(to_jsonable_python(plan.scenario)), encoding="utf-8")
+        files["vehicle"].write_text(json.dumps(to_jsonable_python(plan.vehicle)), encoding="utf-8")
+        files["nominal"].write_text(json.dumps(to_jsonable_python(plan.nominal or plan.vehicle)), encoding="utf-8")
+        files["note"].write_text(json.dumps(plan.metadata()), encoding="utf-8")
+        if isinstance(plan.controller, Law):
+            plan.controller.save(files["law"])
     return files
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text
+from firmware_model.config.files import TEXT, parse_json, read_bytes, read_text, tell_kind
 from firmware_model.config.validation import sanitize_line
 from firmware_model.config.whole_file import whole_file, write_folder
 from gustproof.law.form import SCHEDULE_MATRICES, Law, LawFileError, Output, Provenance, RateLimit, Schedule, load_law
@@ -132,7 +132,9 @@ def load_csv(folder: Path) -> Law:
         path = folder / _METADATA_FILE
         metadata = parse_json(read_text(path))
     except FileNotFoundError:
-        raise LawFileError(f"{folder}: a folder without {_METADATA_FILE} holds no tables of a law") from None
+        raise LawFileError(
+            f"{folder}: a folder without {_METADATA_FILE} holds no tables of a law{tell_kind(folder)}"
+        ) from None
     except OSError as error:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:

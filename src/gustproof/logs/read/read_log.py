@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_model.config.files import open_regular, refuse_toml
+from firmware_model.config.files import open_regular, tell_kind
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 from gustproof.logs.read import betaflight, crazyflie, dataflash, ulog
@@ -104,6 +104,5 @@ def _find_reader(path: Path) -> _Reader:
     reader = next((reader for magic, reader in _BY_MAGIC.items() if begin.startswith(magic)), None)
     reader = reader or _BY_SUFFIX.get(path.suffix.lower())
     if reader is None:
-        refuse_toml(path)
-        raise ValueError(f"no flight log that is known; known are {_KINDS}")
+        raise ValueError(f"no flight log that is known; known are {_KINDS}{tell_kind(path)}")
     return reader

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from firmware_model.config.files import TEXT, open_regular, parse_json
+from firmware_model.config.files import TEXT, open_regular, parse_json, tell_kind
 from firmware_model.errors import ConfigError
 from gustproof.studies.campaign.plan import Campaign, parse_campaign
 from gustproof.studies.campaign.store import METADATA_KEY
@@ -39,13 +39,14 @@ def read_campaign_metadata(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: is empty")
     if begin == _MAGIC != end:
         raise ConfigError(f"{path}: no table of a campaign, or one that is cut short")
+    told = "" if begin == _MAGIC else tell_kind(path)
     try:
         about = pq.read_metadata(path)
         metadata: dict[str, Any] = parse_json((about.metadata or {})[METADATA_KEY.encode()])
         groups = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
         rows = metadata["runs"] * len(metadata["laws"])
     except (KeyError, OSError, TypeError, ValueError, pa.ArrowException):
-        raise ConfigError(f"{path}: no table of a campaign") from None
+        raise ConfigError(f"{path}: no table of a campaign{told}") from None
     if about.num_rows != rows or sum(groups) > _VALUE * rows * about.num_columns + TEXT:
         raise ConfigError(f"{path}: its rows do not match the campaign in its metadata")
     return metadata

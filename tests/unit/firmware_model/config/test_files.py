@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_model.config.files import checked_name, parse_json, shipped_path
+from firmware_model.config.files import checked_name, parse_json, shipped_path, tell_kind
 from firmware_model.config.scenario import list_scenarios, load_scenario
 from firmware_model.config.validation import printable
 from firmware_model.config.vehicle import list_vehicles, load_vehicle
@@ -106,6 +106,9 @@ def test_an_unknown_name_has_the_nearest_known_one_and_a_missing_file_is_said(tm
         load_vehicle(tmp_path / "none.toml")
 
 
+NO_LAW = "is no law, which is a .json file or a name; it is "
+
+
 def find_law(path: Path) -> Path:
     return shipped_path("law", path, path.parent, ".json")
 
@@ -114,8 +117,8 @@ def find_law(path: Path) -> Path:
     ("load", "content", "told"),
     [
         (load_scenario, "inertia_B = [1, 1, 1]\nmass = 1.0", "is a vehicle file: give it as --vehicle"),
-        (find_law, "inertia_B = [1, 1, 1]\nmass = 1.0", "is a vehicle file: give it as --vehicle"),
-        (find_law, "duration_s = 1.0", "is a scenario file: give it as the scenario, --scenario or --air"),
+        (find_law, "inertia_B = [1, 1, 1]\nmass = 1.0", f"{NO_LAW}a vehicle file: give it as --vehicle"),
+        (find_law, "duration_s = 1.0", f"{NO_LAW}a scenario file: give it as the scenario, --scenario or --air"),
         (load_scenario, "W_e = 1", "is a design file: it is for gustproof design"),
         (load_vehicle, "duration_s = 1.0", "is a scenario file: give it as the scenario, --scenario or --air"),
         (load_vehicle, "W_e = 1", "is a design file: it is for gustproof design"),
@@ -127,6 +130,39 @@ def test_a_file_of_another_kind_is_named_in_one_line(load, content, told, tmp_pa
     with pytest.raises(ConfigError) as caught:
         load(path)
     assert str(caught.value) == f"{path}: {told}"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a", b"ULog\x01\x12\x35", "a flight log: gustproof report shows it, identify makes a vehicle of it"),
+        ("a.bin", b"\xa3\x95\x80\x80", "a flight log: "),
+        ("a.mcap", b"\x89MCAP0\r\n", "a recorded flight: give its folder to gustproof report or replay"),
+        ("run/f/f.mcap", b"", "a recorded flight: "),
+        ("tables/facts.json", b"", "a law as tables: give it as --law"),
+        ("a.txt", b"PAR1....PAR1", "a campaign's table: "),
+        ("K.x", b"MATLAB 5.0 MAT-file", "a law: give it as --law"),
+        ("a.json", b'{"format": "gustproof-law-1"}', "a law: give it as --law"),
+        ("a.txt", b'{"format": "gustproof-certificate-1"}', "a certificate: gustproof certify check reads it"),
+        ("a.toml", b"duration_s = 1.0\n", "a scenario file: "),
+        ("a.params", b"MC_ROLL_P 6.5\n", "a parameter file: give it as --law or --params, or to judge"),
+        ("a.html", b"<!DOCTYPE html>", "a page for a browser"),
+        ("empty/here/b", b"", "a folder"),
+    ],
+)
+def test_a_kind_is_told_by_what_is_in_a_file(name, content, told, tmp_path: Path) -> None:
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_bytes(content)
+    assert tell_kind(tmp_path / Path(name).parts[0]).startswith(f"; it is {told}")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.txt", b"hello"), ("a.json", b"{"), ("a.json", b"[]"), ("a.toml", b"x"), ("a.toml", b"x = 1"), ("a", b"")],
+)
+def test_what_is_of_no_kind_is_told_nothing(name, content, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert tell_kind(tmp_path / name) == tell_kind(tmp_path / "nowhere") == ""
 
 
 def test_a_file_of_another_format_is_not_looked_up_as_a_name(tmp_path: Path) -> None:

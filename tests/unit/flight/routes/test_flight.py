@@ -4,6 +4,7 @@ import errno
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from gustproof.flight.routes.flight import (
     warnings,
 )
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
+from gustproof.flight.routes.processes import fly_plan
 from gustproof.flight.routes.recorder import recover
 from gustproof.flight.routes.upsets import describe_upsets, divergence_s
 from gustproof.law.form import list_laws, load_law
@@ -233,6 +235,18 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
     with pytest.raises(FlightError, match=r"No space left on device; what was flown is in .*then gustproof report"):
         recover(tmp_path)
     assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_no_room_for_what_the_processes_read_names_the_folder(tmp_path, monkeypatch):
+    """It was told of standard output."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        fly_plan(FlightPlan(load_scenario("gust-roll"), load_law("hinf-d1"), load_vehicle("paper"), 1, False), tmp_path)
+    assert caught.value.filename == str(tmp_path)
 
 
 @pytest.mark.slow
