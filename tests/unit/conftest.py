@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache, partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,13 @@ WAITING = (
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with what waits for clocks, then with searches, which take a worker for a minute: none is left alone."""
-    items.sort(key=lambda item: 0 if _is_waiting(item.path) else 1 if item.get_closest_marker("slow") else 2)
+    """Begin with what waits for clocks in turns with searches, which take a worker a minute: no core is left alone."""
+    waiting = dict.fromkeys(item.path for item in items if _is_waiting(item.path))
+    searching = dict.fromkeys(item.path for item in items if item.get_closest_marker("slow"))
+    for path in waiting:
+        searching.pop(path, None)
+    turns = {path: turn for turn, path in enumerate(path for pair in zip_longest(waiting, searching) for path in pair)}
+    items.sort(key=lambda item: turns.get(item.path, len(turns)))
 
 
 @cache
