@@ -48,7 +48,7 @@ VERSIONS: Mapping[str, tuple[Version, ...]] = {
         Version("1.14", absent=_PX4_OF_1_16, has_law=False),  # no modes that a module registers
         Version("1.15", ("1.15.2",), absent=_PX4_OF_1_16),
         Version("1.16", ("main of February 2025", "1.16.1")),
-        Version("1.17", ("main of March 2026",), defaults=_PX4_OF_1_17),
+        Version("1.17", ("main of October 2025", "main of March 2026"), defaults=_PX4_OF_1_17),
     ),
     "ardupilot": (  # before 4.6 motors do not tell their thrust
         Version("4.3", absent=_ARDUPILOT_OF_4_7, has_law=False),

@@ -10,7 +10,11 @@ from gustproof.guide.drawings import OWN_AND_INSIDE
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MOST_LINES = 150
+BY_VERSION = (
+    r"^\| (PX4|ArduCopter)[ ,][^|]*\| [^|]*\| (\.\d+), (\.\d+) \| (\.\d+), (\.\d+) \| [^|]*\| [^|]*\| [^|]* \|$"
+)
 EQUAL_SLEWS = 0.01
+ROUNDED = 2.0  # per cent of a ratio of errors with three digits after the point
 """[-] largest relative distance of slews that the README calls equal."""
 
 
@@ -52,3 +56,19 @@ def test_figures_of_real_autopilots_are_those_of_their_page() -> None:
     page = " ".join(page.split())
     assert f"our law has {gains[0]} less error than PX4's own loops and {gains[2]} less than ArduPilot's" in page
     assert f"By their own estimates it is {gains[1]} and {gains[3]}." in page
+
+
+def test_gains_by_version_are_those_of_its_rows() -> None:
+    page = (ROOT / "src" / "gustproof" / "guide" / "autopilots.md").read_text(encoding="utf-8")
+    told = {"PX4": list[tuple[float, ...]](), "ArduCopter": list[tuple[float, ...]]()}
+    for kind, *figures in re.findall(BY_VERSION, page, re.M):
+        own, by_own, inside, by_inside = map(float, figures)
+        told[kind].append((100.0 * (1.0 - inside / own), 100.0 * (1.0 - by_inside / by_own)))
+    assert {kind: len(rows) for kind, rows in told.items()} == {"PX4": 3, "ArduCopter": 2}
+    ranges = [(min(each), max(each)) for rows in told.values() for each in zip(*rows, strict=True)]
+    page, text = " ".join(page.split()), " ".join(README.split())
+    (told_ranges,) = re.findall(r"it is (\d+) to (\d+) % in PX4 and (\d+) to (\d+) % in ArduPilot", page)
+    assert [float(each) for each in told_ranges] == pytest.approx([*ranges[0], *ranges[2]], abs=ROUNDED)
+    assert "have {} to {} %, {} to {} %.".format(*told_ranges) in text
+    (told_own,) = re.findall(r"By the own estimates that is (\d+) to (\d+) % and (\d+) %", page)
+    assert [float(each) for each in told_own] == pytest.approx([*ranges[1], ranges[3][0]], abs=ROUNDED)

@@ -71,7 +71,7 @@ def _with_given(error: typer.BadParameter) -> str:
 
 _FORMATS = {"--ulog": "flight.ulg", "--junit": "junit.xml", "--csv": "table.csv", "--latex": "table.tex"}
 """Files that other programs have an option for; here the suffix says what is written."""
-_UNASKED = {"--autopilots": "gustproof doctor looks for autopilots in any case"}
+_UNASKED = {"--autopilots": "gustproof doctor finds them in any case"}
 """Options for what a command does without one."""
 
 

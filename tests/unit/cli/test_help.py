@@ -121,9 +121,10 @@ def test_a_word_of_other_programs_or_of_before_is_told_what_is_meant(word: str, 
 
 
 def test_an_option_for_what_is_done_in_any_case_is_told_so() -> None:
-    result = CliRunner().invoke(app, ["doctor", "--autopilots"], env={"COLUMNS": "100", "TERMINAL_WIDTH": "100"})
+    result = CliRunner().invoke(app, ["doctor", "--autopilots"])
     assert result.exit_code == 2
-    assert "--autopilots; gustproof doctor looks for autopilots in any case" in result.output
+    said = " ".join(result.output.replace("│", " ").split())  # in a box of any width
+    assert "--autopilots; gustproof doctor finds them in any case" in said
 
 
 @pytest.mark.parametrize(
