@@ -159,6 +159,8 @@ class _Common(NamedTuple):
     """[N*m] B, published limit of the torque."""
     hover: float
     """[-] published hover thrust."""
+    saturated: Array
+    """(3,) [N*m] torque at its limit, see `command_limit`."""
 
 
 def _fly_batch(
@@ -171,7 +173,7 @@ def _fly_batch(
     """Fly up to `LANES` cases; empty lanes repeat the last. `known` is filled, see `_find_common`."""
     filled = [*cases, *[cases[-1]] * (LANES - len(cases))]
     mixes = _make_mixes(scenario, filled)
-    common = [_find_common(scenario, case, known) for case in filled]
+    common = [_find_common(scenario, law, case, known) for case in filled]
     states = [
         each.start.draw(mix, case.initial_attitude_deg) for each, mix, case in zip(common, mixes, filled, strict=True)
     ]
@@ -182,7 +184,7 @@ def _fly_batch(
         seeds=np.ascontiguousarray(mix[:, 0], dtype=np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([each.limit for each in common]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else each.hover for each in common]),
-        torque_limit=_stack_lanes([command_limit(case.vehicle, law) for case in filled]),
+        torque_limit=_stack_lanes([each.saturated for each in common]),
         readings=initial_readings(scenario, LANES), **allocate_batch(law, shared.law, scenario.delay_samples, len(mix)),
     )  # fmt: skip
     fly = _find_kernel(scenario)
@@ -206,12 +208,15 @@ def _make_mixes(scenario: Scenario, cases: Sequence[Case]) -> Array:
     return np.array([[*rows, *[(0.0, 1.0, 0.0)] * (width - len(rows))] for rows in mixes])
 
 
-def _find_common(scenario: Scenario, case: Case, known: dict[tuple[int, float], _Common]) -> _Common:
+def _find_common(
+    scenario: Scenario, law: Law | Library, case: Case, known: dict[tuple[int, float], _Common]
+) -> _Common:
     """Return what a case has in common with those of its vehicle and gust scale, from `known` or added to it."""
     kind = id(case.vehicle), case.gust_scale
     if kind not in known:
         start = common_start(case.vehicle, scenario, gust_scale=case.gust_scale * scenario.gust_scale)
-        known[kind] = _Common(start, published_limit(case.vehicle), published_hover(case.vehicle))
+        published = published_limit(case.vehicle), published_hover(case.vehicle)
+        known[kind] = _Common(start, *published, command_limit(case.vehicle, law))
     return known[kind]
 
 
