@@ -237,7 +237,8 @@ def tell_kind(path: Path) -> str:
 def _find_kind_of_folder(path: Path) -> str:
     if (path / "facts.json").exists():
         return "a law as tables: give it as --law"
-    return _RECORDING if next(path.glob("**/*.mcap"), None) or next(path.glob("*.journal"), None) else "a folder"
+    patterns = "*.journal", "*.mcap", "*/*.mcap"  # no deeper: it may be a whole disk
+    return _RECORDING if any(next(path.glob(pattern), None) for pattern in patterns) else "a folder"
 
 
 def _find_kind(path: Path) -> str:

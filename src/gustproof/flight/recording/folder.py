@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from firmware_model.config.files import tell_kind
 from firmware_model.errors import ConfigError
 from firmware_model.recording.durable_file import locked_folder
 
@@ -74,6 +73,8 @@ def find_bags(run: Path) -> list[Path]:
         If there is none, or no such folder.
     """
     if not run.is_dir():
+        from firmware_model.config.files import tell_kind  # commands import this module for their help
+
         is_file = f"is a file, not the folder of a flight{tell_kind(run)}"
         raise ConfigError(f"{run}: {is_file if run.exists() else 'no such file or folder'}")
     folders = [run, *sorted(run.iterdir())]
