@@ -52,6 +52,7 @@ _CONNECT_TIMEOUT_S, _BOOT_TIMEOUT_S, _HUNG_S = 60.0, 60.0, 10.0
 _BOOT_REPLY_S, _BOOT_POLL_S = 0.25, 0.02  # a sample without an answer by then has none: filters need the first ones
 BOOTED = b"Startup script returned successfully"
 """Last words of its start script."""
+_NO_LINK = "it started without a link to a simulator: it was built without simulator_mavlink"
 _BOOT_WORDS = 2  # lines that tell why it did not start: the last one is the script's status alone
 _RECEIVE = 4096  # bytes
 _BANDWIDTH_HZ = 125.0  # of a sample
@@ -341,11 +342,14 @@ class Px4:
             raise RuntimeError("PX4 has no instance")
         server.settimeout(0.1)
         while self._peer is None:
+            has_started = self._process is not None and self._process.has_said(BOOTED)
             try:
                 self._peer, _ = server.accept()
             except TimeoutError:
                 if self._process is not None and self._process.ending:
                     raise self._ending(ExternalOutcome.WRONG_BUILD) from None
+                if has_started:  # its script waits for the connection
+                    raise ExternalError(ExternalOutcome.WRONG_BUILD, _NO_LINK) from None
                 if time.monotonic() > until_s:
                     said = f"it did not connect to TCP port {_SIMULATOR + self.instance} in {_CONNECT_TIMEOUT_S:g} s"
                     raise ExternalError(ExternalOutcome.WRONG_BUILD, said) from None

@@ -216,6 +216,7 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
         ("disarm", "disarmed", "it said last: "),
         ("land", "left_mode", "left OFFBOARD for mode"),
         ("silent", "wrong_build", "it did not connect to TCP port"),
+        ("no link", "wrong_build", "it was built without simulator_mavlink"),
         ("script", "wrong_build", "helper: not found; ERROR"),
         ("no lockstep", "wrong_build", "without lockstep"),
         ("stranger", "wrong_build", "it is not PX4: MAV_AUTOPILOT 3"),
