@@ -4,7 +4,6 @@ What is written stands beside its place under a hidden, unique name until it is 
 """
 
 import os
-import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -119,7 +118,7 @@ def _naming(path: Path, unfinished: Path) -> Iterator[None]:
 
 
 def _beside(path: Path) -> Path:
-    return path.with_name(f"{UNFINISHED_PREFIX}{secrets.token_hex(8)}")
+    return path.with_name(f"{UNFINISHED_PREFIX}{os.urandom(8).hex()}")
 
 
 def _put_file(unfinished: Path, path: Path, *, overwrite: bool) -> None:
