@@ -61,6 +61,7 @@ def _begin_anew(name: str) -> None:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
     sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
-    here = ("", str(Path.cwd()))
-    sys.path[:] = [entry for entry in sys.path if entry not in here]
+    with suppress(FileNotFoundError):  # a folder that is gone holds no module
+        here = ("", str(Path.cwd()))
+        sys.path[:] = [entry for entry in sys.path if entry not in here]
     _NAME.write_text(name)

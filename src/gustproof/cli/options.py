@@ -118,6 +118,7 @@ def print_json(document: Any) -> None:
 def print_next(*words: object) -> None:
     """Print the command that comes next on the road from a log to the board; it writes no file that is there."""
     told = [_free(Path(str(word))) if before in _OUTPUTS else word for before, word in pairwise(("gustproof", *words))]
+    told = [f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else word for word in told]  # no option
     print("next: " + printable(shlex.join(["gustproof", *map(str, told)])))
 
 

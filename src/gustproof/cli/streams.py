@@ -55,8 +55,8 @@ def prepare() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
-            stream = io.TextIOWrapper(open(number, "r+b" if number else "rb", buffering=0), write_through=True)  # noqa: PTH123, SIM115
-            setattr(sys, name, stream)
+            raw = open(number, "r+b" if number else "rb", buffering=0, closefd=False)  # noqa: SIM115
+            setattr(sys, name, io.TextIOWrapper(raw, write_through=True))  # another in its place leaves the file open
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors=SPELT)
     if isinstance(sys.stderr, io.TextIOWrapper):

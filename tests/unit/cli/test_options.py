@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -26,6 +27,8 @@ def test_the_next_command_writes_no_file_that_is_there(capsys, tmp_path, monkeyp
         (tmp_path / name).touch()
     print_next("judge", "law.json", "--better", "law.json", "-o", "page.html")
     assert capsys.readouterr().out == "next: gustproof judge law.json --better law-3.json -o page.html\n"
+    print_next("report", Path("-run"), "-o", "-page.html")
+    assert capsys.readouterr().out == "next: gustproof report ./-run -o ./-page.html\n"
 
 
 def test_a_line_of_progress_says_that_machine_code_is_made(capsys, monkeypatch):

@@ -53,6 +53,18 @@ def test_a_file_never_takes_the_place_of_a_closed_stream(tmp_path):
     assert path.read_text() == ""
 
 
+def test_what_takes_the_place_of_a_closed_stream_leaves_the_file_open():
+    """A copied process has streams of its own: its standard input was closed, and no flight began."""
+    code = (
+        "import os, sys; from gustproof.cli import streams; streams.prepare(); sys.stdin = sys.stdout = None; "
+        "os.fstat(0); os.fstat(1)"
+    )
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$0" -c "{code}" <&- >&-', sys.executable], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("place", ["before", "parser", "command", "after"])
 def test_a_signal_at_any_moment_ends_in_one_line(name, place):

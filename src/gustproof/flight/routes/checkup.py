@@ -102,6 +102,13 @@ def check_folder(folder: Path) -> Check:
     return Check("folder", Status.OK, found)
 
 
+def _check_current_folder() -> Check:
+    try:
+        return check_folder(Path.cwd())
+    except FileNotFoundError:
+        return Check("folder", Status.WARNING, "the current folder is gone", "start elsewhere")
+
+
 def check_port(port: int) -> Check:
     """Check that a UDP port is free, or taken by the kind of program that it is for."""
     name, use = f"port {port}", _PORTS[port]
@@ -188,7 +195,7 @@ def check_flight() -> Check:
 
 CHECKS: tuple[tuple[str, Callable[[], list[Check]]], ...] = (
     ("versions", lambda: [check_versions()]),
-    ("folder", lambda: [check_folder(Path.cwd())]),
+    ("folder", lambda: [_check_current_folder()]),
     ("ports", lambda: list(map(check_port, _PORTS))),
     ("compile cache", lambda: [check_cache()]),
     ("real-time rights", lambda: [check_real_time()]),

@@ -42,6 +42,7 @@ WORKING_PREFIX = ".flight-"
 _POLL_S = 0.02  # between two looks at the processes
 _BAD_INPUT = 2  # exit status of our own controller
 _EXIT_TIMEOUT_S = 5.0  # for a process to end by itself
+_UNBORN_S = 0.2  # for one that has nothing to save, and hears no signal while it compiles
 _ORPHAN_TIMEOUT_S = 10.0  # for a vehicle to begin its flight without its controller
 _START_TIMEOUT_S = 60.0  # for a controller to begin the flight
 _OUTCOMES = {
@@ -219,7 +220,7 @@ class _ProcessPair:
             self._watch(samples, progress)
         except KeyboardInterrupt:
             for process in self._processes.values():
-                terminate(process)
+                terminate(process, _EXIT_TIMEOUT_S if self.listened else _UNBORN_S)
             return FlightOutcome.INTERRUPTED
         return self._read_outcome()
 
@@ -377,12 +378,12 @@ def close(process: "subprocess.Popen[str]") -> None:
                 stream.close()
 
 
-def terminate(process: "subprocess.Popen[str]") -> None:
-    """End a process, with SIGTERM first, so that it can close its files."""
+def terminate(process: "subprocess.Popen[str]", wait_s: float = _EXIT_TIMEOUT_S) -> None:
+    """End a process, with SIGTERM first, so that it can close its files, and by force after `wait_s` [s]."""
     if process.poll() is None:
         process.terminate()
         try:
-            process.wait(_EXIT_TIMEOUT_S)
+            process.wait(wait_s)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

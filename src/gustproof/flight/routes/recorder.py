@@ -126,6 +126,9 @@ def _replace_journal(flight: Flight, metadata: Mapping[str, Any]) -> Flight:
         except OSError as error:
             kept = f"what was flown is in {journal}: make room, then gustproof report {bag.parent}"
             raise FlightError(f"{bag}: {error.strerror}; {kept}") from None
+    log = journal.with_suffix(".tlog")
+    if bag is None and log.exists() and not log.stat().st_size:
+        log.unlink()  # of a flight that ended before its first message
     journal.unlink(missing_ok=True)
     journal.with_suffix(ATTITUDE_SUFFIX).unlink(missing_ok=True)
     return replace(flight, bag=bag, journal=None)

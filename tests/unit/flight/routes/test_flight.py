@@ -3,6 +3,10 @@
 import errno
 import json
 import math
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +19,7 @@ from firmware_model.config.link_faults import Jitter, LinkDelay
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
-from firmware_model.recording.journal import WIDTH, JournalWriter, record_blocks
+from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter, record_blocks
 from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import read_bag, write_bag
 from gustproof.flight.recording.folder import find_bags
@@ -30,7 +34,7 @@ from gustproof.flight.routes.flight import (
     warnings,
 )
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
-from gustproof.flight.routes.processes import fly_plan
+from gustproof.flight.routes.processes import fly_plan, terminate
 from gustproof.flight.routes.recorder import recover
 from gustproof.flight.routes.upsets import describe_upsets, divergence_s
 from gustproof.law.form import list_laws, load_law
@@ -235,6 +239,25 @@ def test_no_room_for_the_bag_keeps_the_journal_and_says_what_to_do(tmp_path, rec
     with pytest.raises(FlightError, match=r"No space left on device; what was flown is in .*then gustproof report"):
         recover(tmp_path)
     assert (tmp_path / f"{NAME}.journal").exists()
+
+
+def test_a_flight_without_a_sample_leaves_no_file(tmp_path):
+    """An empty log of the traffic kept the next flight out of the folder."""
+    write_journal(tmp_path, np.empty(0, dtype=RECORD))
+    (tmp_path / f"{NAME}.tlog").touch()
+    (found,) = recover(tmp_path)
+    assert found.bag is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_process_that_hears_no_signal_ends_in_time():
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "1\n"
+        begun = time.monotonic()
+        terminate(process, 0.1)
+        assert time.monotonic() - begun < 3.0
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_no_room_for_what_the_processes_read_names_the_folder(tmp_path, monkeypatch):
