@@ -1,9 +1,10 @@
 """Write many messages of equal size to a bag at once, with the bytes that rosbags writes one by one.
 
 A flight has a hundred thousand messages, and to make each in Python would take longer than to fly. The records of a
-chunk are one table instead; chunks begin where they would, and have the same index.
+chunk are one table instead; chunks begin where they would, and have the same index. They also have a checksum.
 """
 
+from binascii import crc32
 from collections import defaultdict
 from collections.abc import Sequence
 from io import BytesIO
@@ -76,13 +77,14 @@ class _Storage(McapWriter):  # type: ignore[misc]
             self.channel_stats[connection.id] += len(stamps_ns)
 
     def close_chunk(self) -> None:
-        """Write the chunk under way and its index, as rosbags does."""
+        """Write the chunk under way and its index, as rosbags does, and the checksum that it leaves out."""
         chunk, file = self.chunk, self.bio
-        size, compressed = chunk.bio.tell(), self.compressor(chunk.bio.getvalue())
+        content = chunk.bio.getvalue()
+        size, compressed = len(content), self.compressor(content)
         record = BytesIO()
         for number in (chunk.message_start_time, chunk.message_end_time, size):
             write_uint64(record, number)
-        write_uint32(record, 0)
+        write_uint32(record, crc32(content))
         write_string(record, self.compression)
         write_uint64(record, len(compressed))
         record.write(compressed)

@@ -22,7 +22,8 @@ _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # operation, length
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _CHUNK = struct.Struct("<QQQII")  # start time, end time, decompressed size, checksum, length of the compression's name
-_CHANNEL_OP, _MESSAGE_OP, _CHUNK_OP, _END_OP = 0x04, 0x05, 0x06, 0x0F
+_COUNT = struct.Struct("<Q")  # messages
+_CHANNEL_OP, _MESSAGE_OP, _CHUNK_OP, _STATISTICS_OP, _END_OP = 0x04, 0x05, 0x06, 0x0B, 0x0F
 _LARGEST = TEXT + 4 * MIB  # of a record; writers begin a new chunk at one MiB
 _MAX_RATIO = 20  # decompressed size over the file's size; flights have three to six
 
@@ -55,12 +56,32 @@ def messages(path: Path) -> Iterator[Message]:
         ):
             raise ValueError(f"a file of {size:,} bytes that claims to decompress to more than {most / MIB:,.0f} MiB")
         topics: dict[int, str] = {}
-        for operation, body in _records(file, len(_MAGIC), size):
-            if operation == _CHUNK_OP:
-                records = _decompress(body)
-                for inner, content in _records(BytesIO(records), 0, len(records)):
-                    yield from _message(inner, content, topics)
-            yield from _message(operation, body, topics)
+        found = 0
+        for operation, body in _contents(file, size):
+            for message in _message(operation, body, topics):
+                found += 1
+                yield message
+        stated = _find_stated(file, size)
+        if stated not in (None, found):
+            raise ValueError(f"it is damaged: {found:,} of {stated:,} messages")
+
+
+def _contents(file: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
+    """Yield operation and content of each record of the data, those of a chunk in place of it."""
+    for operation, body in _records(file, len(_MAGIC), size):
+        if operation == _CHUNK_OP:
+            records = _decompress(body)
+            yield from _records(BytesIO(records), 0, len(records))
+        else:
+            yield operation, body
+
+
+def _find_stated(file: IO[bytes], size: int) -> int | None:
+    """Return the number of messages that the summary, from here on, states; `None` without one."""
+    for operation, body in _records(file, file.tell(), size - len(_MAGIC)):
+        if operation == _STATISTICS_OP:
+            return int(_COUNT.unpack_from(body)[0])
+    return None
 
 
 def _records(file: IO[bytes], begin: int, size: int) -> Iterator[tuple[int, bytes]]:

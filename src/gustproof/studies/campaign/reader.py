@@ -1,5 +1,7 @@
 """Read a campaign's file: its description and its rows."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import SEEK_END
 from pathlib import Path
 from typing import Any
@@ -71,7 +73,8 @@ def read_run(path: Path, run: int) -> dict[str, Any]:
     ConfigError
         If there is no such run.
     """
-    rows = pq.read_table(path, filters=[("run", "=", run)]).to_pylist()
+    with damage_named(path):
+        rows = pq.read_table(path, filters=[("run", "=", run)], page_checksum_verification=True).to_pylist()
     if not rows:
         raise ConfigError(f"{path}: no run {run}, they are 0 to {pq.read_metadata(path).num_rows - 1}")
     row: dict[str, Any] = rows[0]
@@ -79,8 +82,31 @@ def read_run(path: Path, run: int) -> dict[str, Any]:
 
 
 def open_table(path: Path) -> Any:
-    """Open a campaign's file as a `pyarrow.parquet.ParquetFile`."""
-    return pq.ParquetFile(path, memory_map=True)
+    """Open a campaign's file as a `pyarrow.parquet.ParquetFile`, which tells a damaged page as it is read."""
+    return _Table(path)
+
+
+class _Table(pq.ParquetFile):  # type: ignore[misc]
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, memory_map=True, page_checksum_verification=True)
+        self._path = path
+
+    def read(self, *arguments: Any, **options: Any) -> Any:
+        with damage_named(self._path):
+            return super().read(*arguments, **options)
+
+    def read_row_group(self, *arguments: Any, **options: Any) -> Any:
+        with damage_named(self._path):
+            return super().read_row_group(*arguments, **options)
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Name a campaign's file in an error of its pages."""
+    try:
+        yield
+    except (OSError, pa.ArrowException):
+        raise ConfigError(f"{path}: it is damaged") from None
 
 
 def read_column(file: Any, name: str, campaign: Campaign) -> Array:

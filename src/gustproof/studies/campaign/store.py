@@ -133,7 +133,8 @@ class Store:
 
         def write(file: Any) -> None:
             kinds = schema(self._campaign).with_metadata({METADATA_KEY: json.dumps(self._campaign.metadata())})
-            with pq.ParquetWriter(file, kinds, compression="zstd", use_dictionary=_DICTIONARY_COLUMNS) as writer:
+            options: dict[str, Any] = {"compression": "zstd", "use_dictionary": _DICTIONARY_COLUMNS}
+            with pq.ParquetWriter(file, kinds, **options, write_page_checksum=True) as writer:
                 for rows in self._row_groups():
                     writer.write_table(rows, row_group_size=ROW_GROUP)
 

@@ -24,7 +24,7 @@ from gustproof.show.report.summary_files import save_csv, save_latex
 from gustproof.show.report.terminal import save_text
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.plan import DispersionKind
-from gustproof.studies.campaign.reader import read_campaign_metadata, read_run
+from gustproof.studies.campaign.reader import open_table, read_campaign_metadata, read_run
 from gustproof.studies.campaign.runner import fly_campaign
 from gustproof.studies.campaign.statistics import _compare_laws, compute_statistics
 from gustproof.studies.campaign.worker import FIGURES, ChunkResult, failed_rows
@@ -198,6 +198,22 @@ def test_a_campaign_without_requirements_or_dispersions_is_told_too(planned, tmp
     save_text(render_campaign(found), tmp_path / "mc.txt")
     assert "3 runs without figures" in (tmp_path / "mc.txt").read_text(encoding="utf-8")
     assert "Only gusts and noise varied" in render_campaign_page(path)
+
+
+def test_a_changed_byte_of_a_page_is_told(table, tmp_path):
+    """Another number passed without a word, and a page that does not unpack was a traceback."""
+    content, file, told = table.read_bytes(), tmp_path / "damaged.parquet", []
+    sound = open_table(table).read()
+    column = pq.read_metadata(table).row_group(0).column(sound.column_names.index("rmse_deg"))
+    begin = column.data_page_offset
+    for place in range(begin, begin + column.total_compressed_size, 7):
+        file.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])
+        try:
+            assert open_table(file).read().equals(sound)
+        except ConfigError as error:
+            told.append(str(error))
+    assert len(told) > 10
+    assert set(told) == {f"{file}: it is damaged"}
 
 
 def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
