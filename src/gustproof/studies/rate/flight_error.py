@@ -1,4 +1,4 @@
-"""Attitude error that a logged flight would have had with other gains, by the ratio of the loops' sensitivities."""
+"""Attitude error that a logged flight would have had with other gains, by what the loops make of its causes."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.types import Vector
-from gustproof.airframe.hover import hover_plant, loop_law
+from gustproof.airframe.hover import hover_plant, linear_law, loop_law
 from gustproof.law.form import Law
 from gustproof.logs.identify.stretches import find_stretches, sample_time
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
@@ -27,9 +27,12 @@ def flight_errors(
 ) -> list[Vector]:
     """Return the rms error [rad] of roll, pitch and yaw in a flight of `flown`, as each of the laws would have it.
 
-    Each frequency of the logged error of set-point and attitude is multiplied by |S_law / S_flown|. S = 1 / (1 - K P)
-    is the sensitivity of an axis, with the vehicle's response P as in the scenario. So nothing is taken for granted of
-    the disturbance. What is left out is the part of a set-point that reaches the command past the error.
+    The logged error of attitude and set-point is that of the set-point r and of a disturbance, S d + R r. Here
+    S = 1 / (1 - K P) is the sensitivity of an axis, with the vehicle's response P as in the scenario. R is the error by
+    a set-point of 1. A law has its own S and R; d stays, so that nothing is taken for granted of it.
+
+    R is that of the law as it is, or -S if the rate of the set-point is fed forward. Whichever leaves the smaller
+    disturbance in this flight is taken.
 
     The laws must keep the vehicle stable. The list is empty for a log without set-points, or without 20 s in a stretch.
     """
@@ -39,44 +42,56 @@ def flight_errors(
     size = round(_PIECE_S / dt)
     frequency = np.fft.rfftfreq(size, dt)
     band = (frequency >= LEAST_HZ) & (frequency <= min(_MOST_HZ, _PER_SAMPLE / dt))
-    power = _error_power(log.attitude, log.reference, find_stretches(log, log.reference), dt, size)
-    if power is None or not band.any():
+    spectra = _spectra(log.attitude, log.reference, find_stretches(log, log.reference), dt, size)
+    if spectra is None or not band.any():
         return []
+    error, reference = (each[:, band] for each in spectra)
     omega: Array = np.asarray(2.0 * math.pi * frequency[band])
     P = np.diagonal(hover_plant(vehicle, scenario).response(omega), axis1=1, axis2=2)
-    now, found = _square_sensitivity(flown, P, omega), list[Vector]()
+    S, R = _responses(flown, P, omega)
+    by_attitude, fed_forward = _power(error - R * reference), _power(error + S * reference)
+    reads_attitude, found = by_attitude < fed_forward, list[Vector]()
     for law in laws:
-        roll, pitch, yaw = np.sqrt(np.sum(power[band] * _square_sensitivity(law, P, omega) / now, axis=0)).tolist()
+        S_law, R_law = _responses(law, P, omega)
+        of_set_point = np.where(reads_attitude, R_law - S_law / S * R, 0.0) * reference
+        roll, pitch, yaw = np.sqrt(_power(S_law / S * error + of_set_point)).tolist()
         found.append((roll, pitch, yaw))
     return found
 
 
-def _square_sensitivity(law: Law, P: ComplexMatrix, omega: Array) -> Array:
-    """Return |S|^2 [-] (k, 3) of the axes of a law."""
+def _responses(law: Law, P: ComplexMatrix, omega: Array) -> tuple[ComplexMatrix, ComplexMatrix]:
+    """Return S [-] and R [-] (k, 3) of the axes of a law: errors by a disturbance and by a set-point of 1."""
     K = np.diagonal(loop_law(law).response(omega)[:, :, :3], axis1=1, axis2=2)
-    return np.asarray(np.abs(1.0 - np.multiply(K, P)) ** -2.0)
+    to_command = np.diagonal(linear_law(law, inputs=law.D.shape[1]).response(omega)[:, :, 3:6], axis1=1, axis2=2)
+    S: ComplexMatrix = np.asarray(1.0 / (1.0 - K * P), dtype=complex)
+    return S, np.asarray(S * P * to_command / (1j * omega[:, None]) - 1.0, dtype=complex)
 
 
-def _error_power(
+def _power(spectrum: ComplexMatrix) -> Array:
+    """Return the mean square [rad^2] (3,) of what has a spectrum (pieces, k, 3)."""
+    return np.asarray(np.mean(np.sum(np.abs(spectrum) ** 2, axis=1), axis=0))
+
+
+def _spectra(
     attitude: LogSignal, reference: LogSignal, spans: Sequence[tuple[float, float]], dt: float, size: int
-) -> Array | None:
-    """Return the mean square [rad^2] (k, 3) of the error at each frequency, from pieces of `size` samples of `dt` [s].
+) -> tuple[ComplexMatrix, ComplexMatrix] | None:
+    """Return the spectra [rad] (pieces, k, 3) of error and set-point, from pieces of `size` samples of `dt` [s].
 
-    It is `None` without a piece.
+    Their squares are the mean squares at each frequency. It is `None` without a piece.
     """
     window = np.hanning(size)[:, None]
-    pieces = list[Array]()
+    scale = math.sqrt(2.0 / (size * float(np.sum(window**2))))
+    pieces: tuple[list[ComplexMatrix], list[ComplexMatrix]] = [], []
     for begin, end in spans:
         time = np.arange(begin, end, dt)
         if len(time) < size:
             continue
-        error = _sample(attitude, time) - _sample(reference, time)
-        for piece in sliding_window_view(error, size, axis=0)[:: size // 2]:
-            level = piece.T - np.mean(piece, axis=1)  # whole turns between the two go with the mean
-            pieces.append(np.abs(np.fft.rfft(window * level, axis=0)) ** 2)
-    if not pieces:
-        return None
-    return np.asarray(np.mean(pieces, axis=0) * 2.0 / (size * np.sum(window**2)))
+        wanted = _sample(reference, time)
+        for found, signal in zip(pieces, (_sample(attitude, time) - wanted, wanted), strict=True):
+            for piece in sliding_window_view(signal, size, axis=0)[:: size // 2]:
+                level = piece.T - np.mean(piece, axis=1)  # whole turns between the two go with the mean
+                found.append(scale * np.fft.rfft(window * level, axis=0))
+    return (np.asarray(pieces[0]), np.asarray(pieces[1])) if pieces[0] else None
 
 
 def _sample(signal: LogSignal, time: Array) -> Array:
