@@ -163,7 +163,7 @@ def _find_rotor_error(rotors: Rotors) -> str:
     if np.linalg.cond(rotors.wrench) > 1e6:
         return "these rotors cannot produce roll, pitch and yaw independently: check spin"
     if np.min(rotors.allocation[:, 3]) <= 0.0:
-        return "position_B: the centre of mass is not between the rotors"
+        return "position_B: the centre of mass is not between the rotors, or their spins do not balance in hover"
     return ""
 
 

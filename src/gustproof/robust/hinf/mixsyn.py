@@ -129,7 +129,7 @@ def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
     if W.D.shape == (1, 1) and channels > 1:
         W = stack(*[W] * channels).M
     if W.n_inputs != channels:
-        raise ValueError(f"{name} has {W.n_inputs} inputs, must have 1 or {channels}")
+        raise ValueError(f"{name} has {W.n_inputs} inputs, must have {'' if channels == 1 else '1 or '}{channels}")
     return W
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, as_lti, 
 from gustproof.robust.structured.blocks import Structure, full_structure
 from gustproof.robust.structured.goals import NORM, GainGoal, Goal
 from gustproof.robust.structured.objective import PenaltyFunction, Problem
-from gustproof.robust.structured.search import Minimum, minimize
+from gustproof.robust.structured.search import STEPPED, Minimum, minimize
 
 if TYPE_CHECKING:
     import control
@@ -263,8 +265,7 @@ class _Search:
                 break
             for k, ((name, theta), metric) in enumerate(zip(points, metrics, strict=True), done * len(points)):
                 label = f"{name.removesuffix(_BALANCED)}{_ENDS[metric]}"
-                progress(k / (total + limit), f"{label}; best so far {self.least:.5g}")
-                self._start(label, theta, metric)
+                self._start(label, theta, metric, partial(progress, k / (total + limit)))
         if all(start.failure.startswith(_UNSTABLE) for start in self.tried):
             self._stabilize(attempts, lambda text: progress(total / (total + limit), text))
         self._search_near_best(limit, lambda done, text: progress((total + done) / (total + limit), text))
@@ -283,7 +284,7 @@ class _Search:
             found = minimize(stability, theta, steps=_STEPS, stop_below=_STABLE_ABSCISSA, relative=turn)
             best = min(best, found, key=lambda minimum: minimum.value)
             if best.value < 0.0:
-                self._start(f"attempt {self.attempts}", best.theta, 0)
+                self._start(f"attempt {self.attempts}", best.theta, 0, progress)
                 break
 
     def _search_near_best(self, limit: int, progress: Callable[[int, str], None]) -> None:
@@ -294,8 +295,8 @@ class _Search:
             if failed == limit or best is None or self._is_diverged(best) or self._is_confirmed():
                 break
             winner, before = self.tried[best], self.least
-            progress(failed, f"near {winner.name}; best so far {before:.5g}")
-            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", self._point_near(best, last), k % 2)
+            point, told = self._point_near(best, last), partial(progress, failed)
+            self._start(f"{winner.name.removesuffix(_NEAR)}{_NEAR}", point, k % 2, told)
             failed += self.least > (1.0 - _ROUND_GAIN) * before
             last = best if self.least < before else None
 
@@ -312,9 +313,16 @@ class _Search:
                     return further
         return _perturb(objective, theta, self._rng)
 
-    def _start(self, name: str, theta: Matrix, metric: int) -> None:
-        unit = self._unit if metric == 1 else 1.0
-        start, scaled = _descend(self._metrics[metric], name, theta / unit)
+    def _start(self, name: str, theta: Matrix, metric: int, progress: Callable[[str], None]) -> None:
+        """Search from a point; `progress` hears where each step is, be it in search of a stable loop or of a level."""
+        unit, steps = self._unit if metric == 1 else 1.0, count(1)
+        best = f"; best so far {self.least:.5g}" if self.tried else ""
+        progress(f"{name}{best}")
+        heard = STEPPED.set(lambda value: progress(f"{name}, step {next(steps)} at {value:.4g}{best}"))
+        try:
+            start, scaled = _descend(self._metrics[metric], name, theta / unit)
+        finally:
+            STEPPED.reset(heard)
         self.tried.append(start)
         self._found.append(scaled * unit)
 

@@ -5,6 +5,8 @@ Finally all nearly active branches are lowered at once, by steps from a small qu
 """
 
 import math
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -44,6 +46,10 @@ class Function(Protocol):
 
     def branches(self, theta: Matrix, near: float) -> list[Branch]:
         """Return the branches within the fraction `near` of the largest, the largest first."""
+
+
+STEPPED: ContextVar[Callable[[float], None]] = ContextVar("STEPPED", default=lambda _: None)
+"""Hears the value before each step: one step of a large problem takes seconds, and a search hundreds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,6 +127,7 @@ def _bfgs(
     branches, fresh = function.branches(theta, near), int(metric is None)  # first metrics tried in turn
     W = _first_metric(theta, branches, relative=relative) if metric is None else metric
     for _ in range(steps):
+        STEPPED.get()(value)
         if value <= stop_below or not branches:
             break
         gradient = _combine_gradients(branches, W)

@@ -59,7 +59,7 @@ def test_mixsyn_repeats_a_weight_for_each_channel():
         ({"W1": None}, ValueError, "one of the weights W1, W2 and W3 must"),
         ({"W1": control.tf([1.0], [1.0, -1.0])}, DesignError, "W1 is not stable: it has a pole at 1"),
         ({"W1": W1, "W2": control.tf([1.0], [1.0, 0.0])}, DesignError, "W2 is not stable: it has a pole at 0"),
-        ({"W1": np.ones((1, 3))}, ValueError, "W1 has 3 inputs, must have 1 or 1"),
+        ({"W1": np.ones((1, 3))}, ValueError, r"W1 has 3 inputs, must have 1$"),
         ({"W1": gain([[1.0]], 0.1)}, ValueError, "W1 has the sample time 0.1 s, G 0.0 s"),
     ],
 )

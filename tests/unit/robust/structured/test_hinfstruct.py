@@ -251,6 +251,7 @@ def test_progress_is_told_with_each_start_and_python_controls_objects_come_out()
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
     assert "best so far 2.2" in told[-2][1]
+    assert sum(", step 2 at " in text for _, text in told) >= 2  # within a start too, which may take a minute
 
 
 def test_a_limit_that_cannot_be_kept_is_an_error_that_names_it():
