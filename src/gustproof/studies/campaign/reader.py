@@ -89,14 +89,14 @@ def open_table(path: Path) -> Any:
 class _Table(pq.ParquetFile):  # type: ignore[misc]
     def __init__(self, path: Path) -> None:
         super().__init__(path, memory_map=True, page_checksum_verification=True)
-        self._path = path
+        self.path = path
 
     def read(self, *arguments: Any, **options: Any) -> Any:
-        with damage_named(self._path):
+        with damage_named(self.path):
             return super().read(*arguments, **options)
 
     def read_row_group(self, *arguments: Any, **options: Any) -> Any:
-        with damage_named(self._path):
+        with damage_named(self.path):
             return super().read_row_group(*arguments, **options)
 
 
@@ -105,12 +105,13 @@ def damage_named(path: Path) -> Iterator[None]:
     """Name a campaign's file in an error of its pages."""
     try:
         yield
-    except (OSError, pa.ArrowException):
+    except (OSError, IndexError, ValueError, pa.ArrowException):  # of names in its footer too
         raise ConfigError(f"{path}: it is damaged") from None
 
 
 def read_column(file: Any, name: str, campaign: Campaign) -> Array:
     """Return a column as numbers (laws, cases), unit by its name or `Metrics`; NaN where a run has no value."""
-    column = file.read(columns=[name], use_threads=False).column(0).to_numpy().astype(np.float64)
-    values: Array = column.reshape(len(campaign.laws), campaign.cases)
+    with damage_named(file.path):
+        column = file.read(columns=[name], use_threads=False).column(0).to_numpy().astype(np.float64)
+        values: Array = column.reshape(len(campaign.laws), campaign.cases)
     return values

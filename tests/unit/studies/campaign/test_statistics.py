@@ -24,7 +24,7 @@ from gustproof.show.report.summary_files import save_csv, save_latex
 from gustproof.show.report.terminal import save_text
 from gustproof.studies.campaign.intervals import IntervalEstimate
 from gustproof.studies.campaign.plan import DispersionKind
-from gustproof.studies.campaign.reader import open_table, read_campaign_metadata, read_run
+from gustproof.studies.campaign.reader import open_table, read_campaign, read_campaign_metadata, read_column, read_run
 from gustproof.studies.campaign.runner import fly_campaign
 from gustproof.studies.campaign.statistics import _compare_laws, compute_statistics
 from gustproof.studies.campaign.worker import FIGURES, ChunkResult, failed_rows
@@ -214,6 +214,8 @@ def test_a_changed_byte_of_a_page_is_told(table, tmp_path):
             told.append(str(error))
     assert len(told) > 10
     assert set(told) == {f"{file}: it is damaged"}
+    with pytest.raises(ConfigError, match="it is damaged"):
+        read_column(open_table(table), "no_column", read_campaign(table))
 
 
 def test_what_is_no_campaign_is_told_in_a_line(tmp_path):
