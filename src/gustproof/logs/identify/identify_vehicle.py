@@ -16,6 +16,7 @@ from gustproof.logs.identify.identification import AxisEstimate, Identification,
 from gustproof.logs.identify.likelihood import (
     DAMPING,
     DELAY,
+    DELAY_PRIOR,
     GAINS,
     LAG,
     NOISE,
@@ -71,6 +72,7 @@ _FILLED = 0.3  # of the spacing of commands that are filled in between: lag and 
 _LEAST_LAG = 0.00025  # [s] that stands for none
 _LEAST_SHAKEN = 1e-4  # [rad/s^2] of a disturbance: below it the fit has found none
 _APART = 6.0  # loss of log likelihood by one lag and delay for all axes: beyond it (p = .002) yaw has its own
+_ASSUMED = 0.5  # of the delay's variance left by the flight, beyond which what was known before tells more
 _KNOWN_LAG, _FAR_APART = 0.5, 12.0  # of a lag's logarithm, within which it is told; the loss where yaw's own is not
 
 Spans = Sequence[tuple[float, float]]
@@ -110,6 +112,8 @@ class _Axis:
     """Test on the pieces of the flight that its fit has not seen."""
     filled: float | None = None
     """[-] share of the quick commands that the gyro fills in: the answer to them hides behind that; else `None`."""
+    assumed: float = 0.0
+    """[-] share of the delay's variance before the flight that the flight leaves."""
     outruns: float = 0.0
     """[s] lag of roll and pitch, if this is a yaw that shows none: rotors that speed up turn it by their inertia."""
 
@@ -288,13 +292,19 @@ def _fit_axes(data: list[AxisData], dt: float, near: list[Array]) -> list[_Axis]
         fits = [pooled]
     axes = []
     for fit in fits:
-        replicates = bootstrap(fit)
+        replicates, assumed = bootstrap(fit), fit.assumed_delay()
         for one, at, linear in zip(fit.axes, places(fit.axes), fit.linear, strict=True):
             theta, left = fit.theta[at], float(np.mean(linear.error**2))
             curves = make_curves(one, theta, dt)
             alike = float(np.mean(linear.error[1:] * linear.error[:-1])) / max(left, 1e-300)  # of a gyro that is still
             found = _Axis(
-                data=one, theta=theta, replicates=replicates[:, at], unexplained=left, likeness=alike, curves=curves
+                data=one,
+                theta=theta,
+                replicates=replicates[:, at],
+                unexplained=left,
+                likeness=alike,
+                curves=curves,
+                assumed=assumed,
             )
             axes.append(found)
     if is_prompt(axes[2].theta) and not is_prompt(axes[0].theta):
@@ -514,7 +524,16 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
         doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
     if any(is_prompt(axis.theta) for axis in told):
         doubts.append("lag: none is seen, as of simulated motors without one: what is left of the sum stands for it")
-    return doubts + _doubt_noise(axes)
+    return doubts + _doubt_delay(told) + _doubt_noise(axes)
+
+
+def _doubt_delay(told: list[_Axis]) -> list[str]:
+    """Return a line on a delay that stands on what is usual more than on the log; none if it does not."""
+    mean, deviation = DELAY_PRIOR
+    if not told or told[0].assumed < _ASSUMED or abs(told[0].theta[DELAY] - mean) > 2.0 * deviation:
+        return []
+    usual = f"{1e3 * mean:.0f} ms, give or take {1e3 * deviation:.0f}"
+    return [f"delay: assumed more than measured, from a usual {usual}: the log tells it with the lag, as a sum"]
 
 
 def _doubt_noise(axes: list[_Axis]) -> list[str]:

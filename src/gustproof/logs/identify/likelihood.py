@@ -220,6 +220,15 @@ class Fit:
         """Return Fisher's information (p, p)."""
         return _assemble(self.axes, self.linear, self.theta)[1]
 
+    def assumed_delay(self) -> float:
+        """Return the share [-] of the delay's variance before the flight that the flight leaves: at 1 it tells none."""
+        at = np.flatnonzero(self.free)
+        if DELAY not in at:
+            return 0.0
+        unit = (at == DELAY).astype(np.float64)
+        variance = float(unit @ solve_scaled(self.information()[np.ix_(at, at)], unit))
+        return variance / DELAY_PRIOR[1] ** 2
+
 
 def _linearise_all(axes: Sequence[AxisData], theta: Array, found: Sequence[RatePrediction]) -> list[_Linear]:
     """Return the derivatives of each axis, predicted under the parameters of all."""

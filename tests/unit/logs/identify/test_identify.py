@@ -19,7 +19,14 @@ from gustproof.logs.identify.curves import Curves
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.flown_step import flown_steps
 from gustproof.logs.identify.gyro_spectrum import gyro_spectrum
-from gustproof.logs.identify.identify_vehicle import _advise, _Axis, _next_spacing, _widening, identify
+from gustproof.logs.identify.identify_vehicle import (
+    _advise,
+    _Axis,
+    _doubt_delay,
+    _next_spacing,
+    _widening,
+    identify,
+)
 from gustproof.logs.identify.likelihood import DAMPING, DELAY, GAINS, LAG
 from gustproof.logs.identify.sparse_command import fill_command
 from gustproof.logs.identify.stretches import NEVER_FLEW, find_stretches
@@ -203,6 +210,13 @@ def test_identification_predicts_and_repeats_its_bits(brief):
     assert min(axis.held_out_r2 for axis in first.axes) > 0.7
     assert first.acceleration.shape == first.predicted.shape == (len(first.time), 3)
     assert np.all(np.diff(first.time) > 0.0)
+
+
+@pytest.mark.parametrize(("assumed", "delay", "told"), [(0.9, 0.005, True), (0.1, 0.005, False), (0.9, 0.04, False)])
+def test_a_delay_that_is_assumed_is_told(assumed, delay, told):
+    (line,) = _doubt_delay([SimpleNamespace(assumed=assumed, theta=np.array([0.0, delay]))]) or [""]
+    assert line.startswith("delay: assumed more than measured, from a usual 8 ms, give or take 8:") == told
+    assert _doubt_delay([]) == []
 
 
 def test_measured_response_agrees_with_the_model(brief):
