@@ -15,6 +15,7 @@ from gustproof.checker.evidence import FORMAT
 from gustproof.checker.flight_box import KIND
 from gustproof.checker.gaussian_box import KIND as CHANCE
 from gustproof.cli.app import app
+from gustproof.cli.certify.printed import show_assumptions
 from gustproof.design.designs import design_problem, list_designs, load_design
 from gustproof.law.form import law_path
 from gustproof.prove.attitude_gain import attitude_loop
@@ -417,3 +418,9 @@ def test_a_bias_of_the_gyro_is_refused_by_name(tmp_path: Path) -> None:
     refused = run("box", "flagship", "--vehicle", str(path), "--horizon", "6")
     assert refused.exit_code == 2
     assert "the gyro has a bias (gyro.bias_B)" in refused.stderr
+
+
+def test_a_parameter_whose_speed_has_no_bound_may_have_any(capsys: pytest.CaptureFixture[str]) -> None:
+    show_assumptions({"speeds_per_s": [None, 1.25], "horizon_s": None})
+    shown = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert shown == ["assumptions", "speeds up to [1/s] any, 1.25", "duration [s] unlimited"]

@@ -152,6 +152,6 @@ def _shorten(value: Any) -> Any:
 
     if isinstance(value, float):
         return print_down(value, 4)
-    if isinstance(value, list | tuple) and all(isinstance(each, float) for each in value):
-        return ", ".join(print_down(each, 4) for each in value)
+    if isinstance(value, list | tuple) and all(each is None or isinstance(each, float) for each in value):
+        return ", ".join("any" if each is None else print_down(each, 4) for each in value)
     return value

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import control
 
 Weight = LinearSystem | ArrayLike | None
-"""A stable system or a gain; one of a single channel weights each channel alike; `None` leaves the signal out."""
+"""A stable system or a gain; one of a single channel weights each channel alike; `None`, `[]` leaves the signal out."""
 
 
 def mixsyn(
@@ -115,7 +115,7 @@ def _weights(plant: Lti, W1: Weight, W2: Weight, W3: Weight) -> dict[str, Lti]:
 
 def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
     """Return a weight for a number of channels, with no outputs if there is none."""
-    if weight is None:
+    if weight is None or (not hasattr(weight, "dt") and np.size(weight) == 0):
         return gain(np.zeros((0, channels)), G.dt)
     try:
         W = as_lti(weight) if hasattr(weight, "dt") else gain(np.asarray(weight, dtype=np.float64), G.dt)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ def test_mixsyn_closes_negative_feedback():
     assert weighted < result.gamma
 
 
-@pytest.mark.parametrize("weights", [{"W1": W1}, {"W1": W1, "W3": 0.5}, {"W1": None, "W2": 1.0}])
+@pytest.mark.parametrize("weights", [{"W1": W1}, {"W1": W1, "W3": 0.5}, {"W1": [], "W2": 1.0, "W3": None}])
 def test_mixsyn_solves_what_weights_left_out_make_singular(weights):
     result = mixsyn(G, **weights)
     assert result.norm < result.gamma
