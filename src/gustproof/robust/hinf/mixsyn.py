@@ -115,7 +115,7 @@ def _weights(plant: Lti, W1: Weight, W2: Weight, W3: Weight) -> dict[str, Lti]:
 
 def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
     """Return a weight for a number of channels, with no outputs if there is none."""
-    if weight is None or (not hasattr(weight, "dt") and np.size(weight) == 0):
+    if _is_left_out(weight):
         return gain(np.zeros((0, channels)), G.dt)
     try:
         W = as_lti(weight) if hasattr(weight, "dt") else gain(np.asarray(weight, dtype=np.float64), G.dt)  # type: ignore[arg-type]
@@ -131,6 +131,10 @@ def _as_weight(name: str, weight: Weight, channels: int, G: Lti) -> Lti:
     if W.n_inputs != channels:
         raise ValueError(f"{name} has {W.n_inputs} inputs, must have {'' if channels == 1 else '1 or '}{channels}")
     return W
+
+
+def _is_left_out(weight: Weight) -> bool:
+    return weight is None or (not hasattr(weight, "dt") and np.size(weight) == 0)
 
 
 def _generalised_plant(G: Lti, weights: Mapping[str, Lti]) -> Lti:
