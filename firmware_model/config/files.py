@@ -33,6 +33,8 @@ _HEAD = 16  # [bytes] that tell kinds apart
 _LONGEST_NAME = 100  # [bytes] two names, a seed and a suffix make a file name
 
 
+PARAMETER_SUFFIXES = (".params", ".param", ".parm")
+"""Ends of the names of parameter files."""
 _KINDS = {  # a key that each kind needs and no other has
     "vehicle": ("inertia_B", "a vehicle file: give it as --vehicle"),
     "scenario": ("duration_s", "a scenario file: give it as the scenario, --scenario or --air"),
@@ -40,10 +42,11 @@ _KINDS = {  # a key that each kind needs and no other has
 }
 _SUFFIXES = {  # of files of other kinds, by what takes them
     **dict.fromkeys((".json", ".mat"), "a law is given as --law"),
-    **dict.fromkeys((".params", ".param", ".parm"), "parameters are given as --law or --params, or to judge"),
+    **dict.fromkeys(PARAMETER_SUFFIXES, "parameters are given as --law or --params, or to judge"),
     **dict.fromkeys((".ulg", ".bin", ".log", ".csv"), "gustproof identify makes a vehicle of a flight log"),
     ".parquet": "a campaign's table is for gustproof report",
 }
+_LAW = "a law: give it as --law"
 _LOG = "a flight log: gustproof report shows it, identify makes a vehicle of it"
 _RECORDING = "a recorded flight: give its folder to gustproof report or replay"
 _BEGINS = {  # of files that are no text
@@ -51,11 +54,11 @@ _BEGINS = {  # of files that are no text
     b"\xa3\x95": _LOG,
     b"\x89MCAP0": _RECORDING,
     b"PAR1": "a campaign's table: gustproof report shows it",
-    b"MATLAB 5.0": "a law: give it as --law",
+    b"MATLAB 5.0": _LAW,
     b"<!DOCTYPE": "a page for a browser",
 }
 _FORMATS = {
-    "gustproof-law-": "a law: give it as --law",
+    "gustproof-law-": _LAW,
     "gustproof-certificate-": "a certificate: gustproof certify check reads it",
 }
 _HINTS = {("law", ".mat"): "gustproof export FILE.mat --law FILE.json makes one of it"}  # where only a law file will do
@@ -217,9 +220,13 @@ def _refuse_other_kind(kind: str, document: Mapping[str, Any], path: Path) -> No
     """Refuse a file that has the key of another kind and not that of its own: each of its keys would be an error."""
     if _KINDS.get(kind, ("",))[0] in document:
         return
-    for key, what in _KINDS.values():
-        if key in document:
-            raise ConfigError(f"{path}: is {what}")
+    if what := _find_kind_of_document(document):
+        raise ConfigError(f"{path}: is {what}")
+
+
+def _find_kind_of_document(document: Mapping[str, Any]) -> str:
+    """Return what a TOML file is by its keys; empty if unknown."""
+    return next((what for key, what in _KINDS.values() if key in document), "")
 
 
 def tell_kind(path: Path) -> str:
@@ -246,15 +253,14 @@ def _find_kind(path: Path) -> str:
         head = file.read(_HEAD)
     if found := [what for begin, what in _BEGINS.items() if head.startswith(begin)]:
         return found[0]
-    if path.suffix.lower() in (".params", ".param", ".parm"):
+    if path.suffix.lower() in PARAMETER_SUFFIXES:
         return "a parameter file: give it as --law or --params, or to judge"
     if head.startswith(b"{"):
         document = parse_json(read_text(path))
         told = str(document.get("format", "")) if isinstance(document, dict) else ""
         return next((what for begin, what in _FORMATS.items() if told.startswith(begin)), "")
     if path.suffix == ".toml":
-        document = read_document(path)
-        return next((what for key, what in _KINDS.values() if key in document), "")
+        return _find_kind_of_document(read_document(path))
     return ""
 
 

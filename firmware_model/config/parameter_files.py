@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from firmware_model.config.files import read_text, shipped_path, write_text
+from firmware_model.config.files import PARAMETER_SUFFIXES, read_text, shipped_path, write_text
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
 
@@ -22,8 +22,6 @@ _CLASS = re.compile(r"\s*\.\s.*\brc\.(?!mc_|vtol_)(\w+)_defaults\b")
 _SHOWN_BESIDE = re.compile(r"Symbols: .*|\d+(/\d+)? parameters used\.?|[a-z]+> ?.*")
 _AIRFRAME = re.compile(r"\d{3,6}_[^.]+(\.hil)?")  # names of PX4's airframe files, by their number
 _MOST_INCLUDES, _FEW = 32, 4
-SUFFIXES = (".params", ".param", ".parm")
-"""Ends of the names of parameter files."""
 GROUND_STATION_FORMS = {"px4": "1\t1\t{name}\t{value}\t{type}", "ardupilot": "{name},{value}"}
 """Lines of files that QGroundControl and Mission Planner load, by autopilot."""
 _WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
@@ -32,7 +30,7 @@ _WHOLE = ("CA_AIRFRAME", "CA_ROTOR_COUNT")  # of those written with a type
 def is_parameter_file(name_or_path: str | Path) -> bool:
     """Return whether a name is that of a parameter file, by its end; PX4's airframe files have none, but a number."""
     path = Path(name_or_path)
-    return path.suffix.lower() in SUFFIXES or (_AIRFRAME.fullmatch(path.name) is not None and path.is_file())
+    return path.suffix.lower() in PARAMETER_SUFFIXES or (_AIRFRAME.fullmatch(path.name) is not None and path.is_file())
 
 
 def read_parameters(name_or_path: str | Path, autopilot: str, remarks: list[str] | None = None) -> dict[str, str]:

@@ -82,7 +82,7 @@ def judge(
 
         gustproof judge flagship --json
     """
-    from firmware_model.config.parameter_files import SUFFIXES
+    from firmware_model.config.files import PARAMETER_SUFFIXES
     from gustproof.show.report.judgement import NONE_BETTER
     from gustproof.studies.rate.advice import autopilot_kind
     from gustproof.studies.rate.judge import Verdict
@@ -93,7 +93,7 @@ def judge(
     law, step, remarks = read_gains(gains, vehicles.nominal, over, log)
     remarks = (*found_in, *remarks)
     is_autopilot = autopilot_kind(law) is not None
-    check_output(better, *((SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
+    check_output(better, *((PARAMETER_SUFFIXES, "a parameter file") if is_autopilot else (".json", "a law")))
     _tell_default(context, log, is_autopilot=is_autopilot)
     asked: dict[str, Any] = {"moment": budget, "thrust_step": step, "seed": seed}
     search = is_autopilot or better is not None

@@ -82,12 +82,12 @@ def tune(
 
         gustproof tune my-quad.toml --from flight.ulg -o my-quad.params
     """
-    from firmware_model.config.parameter_files import SUFFIXES
+    from firmware_model.config.files import PARAMETER_SUFFIXES
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.uncertainty import load_vehicle_set
 
     is_law = flown is None
-    check_output(output, *((".json", "a law file") if is_law else (SUFFIXES, "a parameter file")))
+    check_output(output, *((".json", "a law file") if is_law else (PARAMETER_SUFFIXES, "a parameter file")))
     check_figure(figure, data=data)
     vehicles, script = load_vehicle_set(vehicle), load_scenario(scenario)
     if flown is None:
@@ -99,7 +99,7 @@ def tune(
         start = _read_flown(flown, vehicles)
         _tune_autopilot(start, vehicles, script, slew, ms, output, at_once=at_once, as_json=as_json)
     if not as_json:
-        _print_next(context, output, vehicle, flown, ".json" if is_law else SUFFIXES[0])
+        _print_next(context, output, vehicle, flown, ".json" if is_law else PARAMETER_SUFFIXES[0])
 
 
 def _print_next(context: typer.Context, output: Path | None, vehicle: str, flown: str | None, suffix: str) -> None:

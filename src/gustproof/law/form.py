@@ -50,6 +50,7 @@ from gustproof.version import __version__
 
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
+_FAMILY, _WRONG_FORMAT = FORMAT.rstrip("0123456789"), f"format: must be '{FORMAT}'"
 GYRO_REFERENCE_SIZE, GRAVITY_AIDED_SIZE = 6, 8
 """Columns of B and D: gyro and reference; these with roll and pitch by gravity."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
@@ -366,9 +367,6 @@ def doubt_vehicle(law: Law, vehicle: Vehicle) -> str:
     return f"law '{law.name}' was designed for vehicle '{made_for}', {other}"
 
 
-_OURS = "; it is a law"
-
-
 def load_law(name_or_path: str | Path) -> Law:
     """Read a law file, or a shipped law by its name.
 
@@ -390,9 +388,8 @@ def load_law(name_or_path: str | Path) -> Law:
         raise LawFileError(f"{path}: {error.strerror}") from None
     except ValueError as error:
         raise LawFileError(f"{path}: not JSON: {sanitize_line(str(error))}{tell_kind(path)}") from None
-    if isinstance(document, dict) and document.get("format") != FORMAT:
-        told = tell_kind(path)
-        raise LawFileError(f"{path}: format: must be '{FORMAT}'{'' if _OURS in told else told}")
+    if isinstance(document, dict) and not str(document.get("format")).startswith(_FAMILY):
+        raise LawFileError(f"{path}: {_WRONG_FORMAT}{tell_kind(path)}")
     return parse_law(document, str(path))
 
 
@@ -506,7 +503,7 @@ _OPTIONAL = {"rate_limit": RateLimit, "schedule": Schedule}
 
 def _check_keys(document: Any) -> None:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise ValueError(f"format: must be '{FORMAT}'")
+        raise ValueError(_WRONG_FORMAT)
     keys = {"format", "name", "output", "dt", "limits", "provenance", *_MATRICES}
     if unknown := sorted(set(document) - keys - set(_OPTIONAL)):
         raise ValueError(f"{unknown[0]}: unknown key")

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from firmware_model.config.files import tell_kind
+from firmware_model.config.files import PARAMETER_SUFFIXES, tell_kind
 from firmware_model.config.firmware import is_measured
-from firmware_model.config.parameter_files import SUFFIXES, is_parameter_file, read_parameters
+from firmware_model.config.parameter_files import is_parameter_file, read_parameters
 from firmware_model.config.scenario import sample_time
 from firmware_model.config.validation import none_of
 from firmware_model.config.vehicle import Vehicle
@@ -129,7 +129,7 @@ def read_autopilot_law(
         If there is no such file, it is not of one of these autopilots, or see `autopilot_law`.
     """
     if not is_parameter_file(path):
-        raise ConfigError(f"{path}: a parameter file ends in {', '.join(SUFFIXES)}{tell_kind(path)}")
+        raise ConfigError(f"{path}: a parameter file ends in {', '.join(PARAMETER_SUFFIXES)}{tell_kind(path)}")
     found: list[str] = []
     parameters = {name: float(value) for name, value in read_parameters(str(path), "", found).items()}
     if wrong := [name for name, value in parameters.items() if not math.isfinite(value)]:

@@ -51,7 +51,7 @@ class LivePage:
         vehicle: Vehicle,
         *,
         real_time: bool,
-        controllers: Sequence[object] = (),
+        controllers: Sequence[object] | None = None,
     ) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
@@ -66,7 +66,7 @@ class LivePage:
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
-        self._law, self._controllers = 0, (*controllers, *[None] * len(laws))[: len(laws)]
+        self._law, self._controllers = 0, controllers or [None] * len(laws)
         self._requests: dict[str, float] = {}
         self._station: GroundStation | None = None
         self._threads: list[Thread] = []
