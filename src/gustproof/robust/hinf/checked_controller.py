@@ -88,4 +88,5 @@ def tell_by_names(P: Any, n_meas: int, n_con: int) -> Iterator[None]:
     try:
         yield
     except DesignError as error:
-        raise type(error)(re.sub(r"\b(control|measurement) (\d+)", name, str(error))) from None
+        error.args = (re.sub(r"\b(control|measurement) (\d+)", name, str(error)),)
+        raise error from None

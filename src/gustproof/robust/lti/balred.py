@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from gustproof.errors import DesignError
-from gustproof.robust.lti.balancing import balanced_realization
+from gustproof.robust.lti.balancing import balance_states, balanced_realization
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import LinearSystem, Lti, Matrix, all_or_none, as_lti, signal_names
 from gustproof.robust.shown import Shown
@@ -113,7 +113,7 @@ def balred(G: LinearSystem, order: int, *, method: Reduction | str = Reduction.T
     >>> f"error {result.error:.3f}, at most {result.bound:.3f}"
     'error 0.018, at most 0.018'
     """
-    system, how = as_lti(G), _method(method)
+    system, how = balance_states(as_lti(G)), _method(method)
     stable, rest = _split(system)
     if not rest.order <= order <= system.order:
         raise ValueError(f"order is {order}, must be from {rest.order} (states that are kept) to {system.order}")

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from gustproof.errors import DesignError
+from gustproof.robust.hinf.checked_controller import tell_by_names
 from gustproof.robust.hinf.h2syn import h2syn
 from gustproof.robust.lti.norms import h2_norm
-from gustproof.robust.lti.state_space import Lti, lft
+from gustproof.robust.lti.riccati import RiccatiError, RiccatiFailure
+from gustproof.robust.lti.state_space import Lti, gain, lft
 
 UNSTABLE = {"A": [[1.0]], "B": [[1.0, 0.0, 1.0]], "C": [[1.0], [0.0], [1.0]]}
 GOOD_D = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
@@ -96,3 +98,9 @@ def test_h2syn_refuses_a_discrete_plant_that_has_no_solution():
     hidden = {"A": [[1.5]], "B": [[1.0, 0.0, 0.0]], "C": [[1.0], [0.0], [1.0]]}
     with pytest.raises(DesignError, match="stabilisable by u"):
         h2syn(Lti(**hidden, D=GOOD_D, dt=0.1), 1, 1)
+
+
+def test_a_failure_with_a_reason_of_its_own_keeps_it():
+    with pytest.raises(RiccatiError, match="no graph") as raised, tell_by_names(gain(np.eye(2)), 1, 1):
+        raise RiccatiError(RiccatiFailure.COMPLEMENT)
+    assert raised.value.failure is RiccatiFailure.COMPLEMENT

@@ -75,6 +75,15 @@ def test_the_full_order_is_the_system_itself_with_unstable_poles():
     np.testing.assert_allclose(as_lti(balred(G, 3).system).response(omega), G.response(omega), rtol=1e-9)
 
 
+def test_states_in_units_far_apart_do_not_spoil_the_system():
+    G = random_system(3, 0.1)
+    units = 10.0 ** np.linspace(-5.0, 5.0, G.order)
+    scaled = Lti(A=G.A * units[:, None] / units, B=G.B * units[:, None], C=G.C / units, D=G.D, dt=G.dt)
+    omega = np.linspace(0.0, 30.0, 7)
+    response = as_lti(balred(scaled, G.order).system).response(omega)
+    np.testing.assert_allclose(response, G.response(omega), rtol=1e-9, atol=1e-9)
+
+
 def test_a_reduced_system_is_for_python_control_and_keeps_the_names_of_its_signals():
     G = control.ss(np.diag([-1.0, -50.0]), [[1.0], [1.0]], [[1.0, 1.0]], 0.0, inputs="torque", outputs="rate")
     small = balred(G, 1).system
