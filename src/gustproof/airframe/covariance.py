@@ -9,6 +9,7 @@ file gives a number, as `paper` does.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -56,6 +57,21 @@ class AxisModel:
     """[kg*m^2] moment of inertia."""
     samples: int
     """Samples in the flight."""
+
+
+class ClosedLoops(NamedTuple):
+    """A closed loop in state space, or several along the first axis."""
+
+    A: Matrix
+    """(n, n) or (k, n, n) state to next state."""
+    B: Matrix
+    """(n, w) or (k, n, w) noises to next state."""
+    C: Matrix
+    """(p, n) or (k, p, n) state to output."""
+    D: Matrix
+    """(p, w) or (k, p, w) noises to output."""
+    dt: float
+    """[s] sample time."""
 
 
 def axis_models(vehicle: Vehicle, scenario: Scenario) -> tuple[AxisModel, AxisModel, AxisModel]:

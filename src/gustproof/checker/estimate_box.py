@@ -274,7 +274,7 @@ def _rounding(
 
 
 def _weigh(coefficients: Sequence[Fraction], bounds: Sequence[Fraction]) -> Fraction:
-    return sum((abs(c) * bound for c, bound in zip(coefficients, bounds, strict=True)), Fraction(0))
+    return sum((abs(c) * bound for c, bound in zip(coefficients, bounds, strict=True) if c), Fraction(0))
 
 
 def least_deviations(count: Fraction, risk: Fraction) -> Fraction:

@@ -158,11 +158,11 @@ class LoopSystem(NamedTuple):
     @property
     def gyroscopic(self) -> Row:
         """(3,) [-] bounds of `|I_j - I_k| / I_i`."""
-        low, high = 1 - self.inertia_spread, 1 + self.inertia_spread
+        low, high, inverse = 1 - self.inertia_spread, 1 + self.inertia_spread, self.inverse_inertia
         bounds = []
         for i in range(3):
             a, b = self.inertia[(i + 1) % 3], self.inertia[(i + 2) % 3]
-            bounds.append(max(high * a - low * b, high * b - low * a) * self.inverse_inertia[i])
+            bounds.append(max(high * a - low * b, high * b - low * a) * inverse[i])
         return tuple(bounds)
 
 

@@ -25,7 +25,14 @@ from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import Vehicle
 from firmware_model.external.interface import scenario_for
 from firmware_model.types import Vector
-from gustproof.airframe.covariance import AxisModel, axis_models, open_loop, rms
+from gustproof.airframe.covariance import (
+    AxisModel,
+    ClosedLoops,
+    augmented_axis,
+    axis_models,
+    mean_second_moments,
+    open_loop,
+)
 from gustproof.airframe.output_rounding import rounding_slew
 from gustproof.airframe.predict import predict
 from gustproof.design.loops.models import AUTOPILOTS, autopilot_law
@@ -54,6 +61,8 @@ _ANY = 1e-9, 1e9
 """Range of a parameter without one."""
 _ROUNDS, _ITERATIONS, _TOLERANCE = 4, 150, 1e-3
 """Searches, each tightened by the excess of the last one; steps of each; relative excess that is rounding."""
+_STEP = 1e-7
+"""[-] by which a parameter's logarithm changes to find slopes."""
 _LARGEST_CORNER = 0.45
 """[-] largest corner of a filter as a share of the rate."""
 _K_STEPS = 10.0
@@ -303,6 +312,31 @@ def save_tuning(tuning: AutopilotTuning, vehicle: Vehicle, path: Path) -> None:
     write_parameters(own, path, GROUND_STATION_FORMS[tuning.kind], head)
 
 
+class _AxisFigures(NamedTuple):
+    """Figures of an axis, each followed by its slopes over the logarithms of n own and shared parameters."""
+
+    error: Matrix
+    """(1 + n,) [rad^2] mean square of the attitude."""
+    slew: Matrix
+    """(1 + n,) [(N*m/s)^2] mean square of the torque's slew."""
+    difference: Matrix
+    """(1 + n, plants, grid) logarithm of each plant's return difference."""
+
+
+def _close_loops(P: Lti, A: Matrix, B: Matrix, C: Matrix, D: Matrix) -> ClosedLoops:
+    """Return the loops of k controllers (k, ...) from gyro to command around a flight, as `lft` makes one."""
+    by, to, gyro, noisy = P.B[:, -1:], P.D[:2, -1:], P.C[2:], P.D[2:, :-1]
+    upper = np.concatenate([P.A + by @ D @ gyro, by @ C], axis=2)
+    lower = np.concatenate([B @ gyro, A], axis=2)
+    return ClosedLoops(
+        A=np.concatenate([upper, lower], axis=1),
+        B=np.concatenate([P.B[:, :-1] + by @ D @ noisy, B @ noisy], axis=1),
+        C=np.concatenate([P.C[:2] + to @ D @ gyro, to @ C], axis=2),
+        D=P.D[:2, :-1] + to @ D @ noisy,
+        dt=P.dt,
+    )
+
+
 class _Search:
     """Search for one vehicle and scenario.
 
@@ -387,45 +421,75 @@ class _Search:
         return max(each[0] for each in found), max(max(each[1:] or each) for each in found)
 
     def _minimize(self, z: Matrix, low: Matrix, high: Matrix, log_peaks: Matrix) -> Matrix | None:
-        width = len(self._structure.own[0])
+        width, count = len(self._structure.own[0]), len(z)
+        places = [np.r_[axis * width : (axis + 1) * width, 3 * width : count] for axis in range(3)]
 
         @cache  # a gain affects one axis, and the search evaluates error and margins at the same gains
-        def evaluate(axis: int, values: tuple[float, ...]) -> tuple[float, float, Matrix]:
-            return self._evaluate(axis, np.exp(values))
+        def evaluate(axis: int, values: tuple[float, ...]) -> _AxisFigures:
+            return self._evaluate(axis, np.array(values))
 
-        def evaluate_all(z: Matrix) -> list[tuple[float, float, Matrix]]:
-            own, shared = z[: 3 * width].reshape(3, width), z[3 * width :].tolist()
-            return [evaluate(axis, (*own[axis].tolist(), *shared)) for axis in range(3)]
+        def evaluate_all(z: Matrix) -> list[_AxisFigures]:
+            return [evaluate(axis, tuple(z[place].tolist())) for axis, place in enumerate(places)]
 
-        def error(z: Matrix) -> float:
-            return 0.5 * math.log(sum(found[0] ** 2 for found in evaluate_all(z)) / 3.0)
+        def pool(figures: list[Matrix]) -> tuple[float, Matrix]:
+            """Return the logarithm of an rms over the axes, and its slopes."""
+            total, slopes = sum(float(each[0]) for each in figures), np.zeros(count)
+            for place, each in zip(places, figures, strict=True):
+                slopes[place] += 0.5 * each[1:] / total
+            return 0.5 * math.log(total / 3.0), slopes
+
+        def error(z: Matrix) -> tuple[float, Matrix]:
+            return pool([each.error for each in evaluate_all(z)])
 
         def room(z: Matrix) -> Matrix:
             found = evaluate_all(z)
-            pooled = 0.5 * math.log(sum(each[1] ** 2 for each in found) / 3.0)
-            margins = [(log_peaks[:, None] + each[2]).ravel() for each in found]
-            return np.append(np.concatenate(margins), math.log(self._slew) - pooled)
+            margins = [(log_peaks[:, None] + each.difference[0]).ravel() for each in found]
+            return np.append(np.concatenate(margins), math.log(self._slew) - pool([each.slew for each in found])[0])
+
+        def room_slopes(z: Matrix) -> Matrix:
+            found = evaluate_all(z)
+            margins = np.zeros((3, self._plants[0].size, count))
+            for rows, place, each in zip(margins, places, found, strict=True):
+                rows[:, place] = each.difference[1:].reshape(len(place), -1).T
+            return np.vstack([margins.reshape(-1, count), -pool([each.slew for each in found])[1]])
 
         found = scipy.optimize.minimize(
             error,
             z,
+            jac=True,
             method="SLSQP",
             bounds=list(zip(low.tolist(), high.tolist(), strict=True)),
-            constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf),
+            constraints=scipy.optimize.NonlinearConstraint(room, 0.0, np.inf, jac=room_slopes),
             options={"maxiter": _ITERATIONS, "ftol": 1e-7},
         )
         return found.x if np.min(room(found.x)) > -_TOLERANCE else None
 
-    def _evaluate(self, axis: int, values: Matrix) -> tuple[float, float, Matrix]:
-        """Return error [rad], slew [N*m/s] and the logarithm of each plant's return difference on the grid."""
-        names = (*self._structure.own[axis], *self._structure.shared)
-        controller = self._law(axis, dict(zip(names, values.tolist(), strict=True))).controller(self._dt)
+    def _evaluate(self, axis: int, z: Matrix) -> "_AxisFigures":
+        """Return the figures of an axis at the logarithms of its own and the shared parameters."""
+        model, names = self._axes[axis][0], (*self._structure.own[axis], *self._structure.shared)
+        rows = np.exp(z + np.vstack([np.zeros(len(z)), _STEP * np.eye(len(z))])).tolist()
+        laws = [self._law(axis, dict(zip(names, row, strict=True))) for row in rows]
+        parts = zip(*((law.A_linear, law.B[:, :1], law.C, law.D[:, :1]) for law in laws), strict=True)
+        A, B, C, D = (np.array(each) for each in parts)
         with np.errstate(all="ignore"):
-            error, slew = rms(self._axes[axis][0], controller)
-        if not (math.isfinite(error) and math.isfinite(slew)):
-            error = slew = _UNSTABLE
-        difference = 1.0 - controller.response(self._omega)[:, 0, 0] * self._plants[axis]
-        return min(error, _UNSTABLE), min(slew, _UNSTABLE), np.log(np.abs(difference))
+            moments = mean_second_moments([model], _close_loops(augmented_axis(model), A, B, C, D))
+        error, slew = moments[:, 0, 0], moments[:, 1, 1] / self._dt**2
+        if not max(np.max(error), np.max(slew)) < _UNSTABLE**2:
+            error, slew = np.full((2, len(rows)), _UNSTABLE**2)
+        # the response's slopes follow from those of its matrices at one solution each of state and costate
+        pencil = np.exp(1j * self._omega * self._dt)[:, None, None] * np.eye(A.shape[1]) - A[0]
+        state = np.linalg.solve(pencil, B[0].astype(complex))[..., 0].T
+        costate = np.linalg.solve(pencil.mT, C[0].T.astype(complex))[..., 0]
+        response = (C[0] @ state + D[0])[0]
+        dA, dB, dC, dD = ((each[1:] - each[0]) / _STEP for each in (A, B, C, D))
+        slopes = np.sum(costate * (dA @ state + dB).mT, axis=2) + (dC @ state + dD)[:, 0]
+        difference = 1.0 - response * self._plants[axis]
+        change = -(slopes[:, None] * self._plants[axis] / difference).real
+        return _AxisFigures(
+            error=np.append(error[0], (error[1:] - error[0]) / _STEP),
+            slew=np.append(slew[0], (slew[1:] - slew[0]) / _STEP),
+            difference=np.concatenate([np.log(np.abs(difference))[None], change]),
+        )
 
     def _law(self, axis: int, values: Mapping[str, float]) -> AxisLaw:
         built = self._autopilot.build(axis, {**self._fixed, **values}, self._torque[axis], self._rate)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from gustproof.airframe.covariance import AxisModel, augmented_axis, mean_second_moments
+from gustproof.airframe.covariance import AxisModel, ClosedLoops, augmented_axis, mean_second_moments
 from gustproof.design.cascades.pid_biquad import BiquadGains, Values, biquad_filter, biquad_response
 from gustproof.law.form import Matrix
 from gustproof.robust.lti.state_space import Lti
@@ -42,16 +42,6 @@ class SearchResult(NamedTuple):
     """Logarithm of the sum of mean square error [rad^2] and weighted slew."""
     gains: BiquadGains
     """Gains at the optimum."""
-
-
-class _Loop(NamedTuple):
-    """A closed loop in state space, or several along the first axis."""
-
-    A: Values
-    B: Values
-    C: Values
-    D: Values
-    dt: float
 
 
 class AxisSearch:
@@ -144,7 +134,7 @@ class AxisSearch:
         (A,) = self._closed_loops(flight, np.exp(z)[None]).A
         return bool(np.isfinite(A).all() and np.abs(np.linalg.eigvals(A)).max() < 1.0 + _INTEGRAL)
 
-    def _closed_loops(self, P: Lti, values: Values) -> _Loop:
+    def _closed_loops(self, P: Lti, values: Values) -> ClosedLoops:
         """Return the loops of `values` (k, 9) around a flight, from the noises to attitude and change of command."""
         F, n = biquad_filter(values, self._model.plant.dt), P.order
         # rate error by (states; noises), and the direct command of `F`
@@ -159,7 +149,7 @@ class AxisSearch:
         B = np.concatenate([P.B[:, :-1] + P.B[:, -1:] * noisy[:, None], F.B[..., None] * noise[:, None]], axis=1)
         C = P.D[:2, -1:] * np.concatenate([direct, filtered], axis=1)[:, None]
         C[..., :n] += P.C[:2]
-        return _Loop(A, B, C, P.D[:2, :-1] + P.D[:2, -1:] * noisy[:, None], P.dt)
+        return ClosedLoops(A, B, C, P.D[:2, :-1] + P.D[:2, -1:] * noisy[:, None], P.dt)
 
 
 def _add_strapdown(flight: Lti) -> Lti:

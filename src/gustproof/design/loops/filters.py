@@ -104,4 +104,6 @@ class SampledAxisLoop:
 
 
 def _unit(at: int) -> Matrix:
-    return np.asarray(np.eye(1, _SIZE + 2, at)[0])
+    signal = np.zeros(_SIZE + 2)
+    signal[at] = 1.0
+    return signal
