@@ -24,6 +24,7 @@ from gustproof.design.designs import load_design as load_design
 from gustproof.design.tune import default_slew as default_slew
 from gustproof.design.tune import tune_law as tune_law
 from gustproof.errors import DesignError as DesignError
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot as ExternalAutopilot
 from gustproof.flight.controllers.stepper import make_stepper as make_stepper
 from gustproof.flight.controllers.user_controller import UserController as UserController
 from gustproof.flight.controllers.user_controller import parse_controller as parse_controller
@@ -34,7 +35,6 @@ from gustproof.flight.routes.batch import Case as Case
 from gustproof.flight.routes.batch import fly_many as fly_many
 from gustproof.flight.routes.controllers import fly_controller as fly_controller
 from gustproof.flight.routes.direct import fly_direct as fly_direct
-from gustproof.flight.routes.external import ExternalAutopilot as ExternalAutopilot
 from gustproof.flight.routes.loopback import fly_loopback as fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome as FlightOutcome
 from gustproof.flight.routes.processes import fly as fly

@@ -28,9 +28,9 @@ from firmware_model.config.uncertainty import load_vehicle_set
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.recording.journal import RECORD, WIDTH, JournalWriter
 from gustproof.cli.app import app
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.recording.bag import write_bag
-from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
 from gustproof.flight.routes.flight import FlightPlan
 from gustproof.law.form import load_law
 from gustproof.studies.campaign.plan import AnyController, Campaign, parse_campaign
@@ -97,7 +97,7 @@ def given(source: str) -> dict[str, Any]:
 def plan_of(source: str) -> dict[str, Any]:
     if source in AUTOPILOTS:
         autopilot = ExternalAutopilot(kind=source, build="build")
-        return json.loads(json.dumps(ExternalPlan(SCENARIO, autopilot, VEHICLE, 1, real_time=False).metadata()))
+        return json.loads(json.dumps(FlightPlan(SCENARIO, autopilot, VEHICLE, 1, real_time=False).metadata()))
     note = json.loads(json.dumps(FlightPlan(SCENARIO, load_law("hinf-d1"), VEHICLE, 1, real_time=False).metadata()))
     return {**note, "law": None, "controller": given(source)}
 

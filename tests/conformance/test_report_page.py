@@ -383,5 +383,5 @@ def test_a_page_of_three_flights_of_a_minute_is_below_3_mb():
         scenario = load_scenario("paper")
         records = fly_direct(scenario, law, vehicle=vehicle, seed=1)
         told = {"outcome": FlightOutcome.DONE, "message": "", "versions": {"gustproof": "0"}, "label": law.name}
-        runs.append(ReportRun(scenario=scenario, law=law, vehicle=vehicle, seed=1, records=records, **told))
+        runs.append(ReportRun(scenario=scenario, controller=law, vehicle=vehicle, seed=1, records=records, **told))
     assert len(render_page(runs).encode()) < 3_000_000

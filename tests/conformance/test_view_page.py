@@ -74,7 +74,7 @@ class Watched:
 
 @contextmanager
 def watched(script: Scenario, out: Path, *, real_time: bool, twice: bool = False) -> Iterator[Watched]:
-    with LivePage(script, [law.name for law in LAWS], VEHICLE, real_time=real_time) as page:
+    with LivePage(script, LAWS, VEHICLE, real_time=real_time) as page:
         flight = Watched(page, script, out, real_time=real_time, twice=twice)
         try:
             yield flight

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
     from gustproof.design.inside import PriceInside
+    from gustproof.flight.controllers.external_autopilot import AnyController
     from gustproof.flight.controllers.user_controller import Controller
-    from gustproof.studies.campaign.comparison import AnyController, ComparisonRow
+    from gustproof.studies.campaign.comparison import ComparisonRow
 
 _PAIR = 2  # autopilots that are compared without a law beside them, unless one is named
 _FIGURES = (".png", ".svg", ".pdf")
@@ -154,7 +155,8 @@ def _predict(
     from firmware_model.external.versions import read_version
     from gustproof.design.inside import price_inside, price_loops
     from gustproof.errors import DesignError
-    from gustproof.flight.routes.external import ExternalAutopilot, find_build
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
+    from gustproof.flight.routes.external import find_build
     from gustproof.law.form import Law
 
     found: dict[str, PriceInside] = {}
@@ -310,7 +312,7 @@ def _find_autopilots(
     ConfigError
         If one is given twice.
     """
-    from gustproof.flight.routes.external import ExternalAutopilot
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 
     found: dict[str, AnyController] = {}
     builds = builds or [""]

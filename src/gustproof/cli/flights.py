@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,7 +19,7 @@ from gustproof.cli.options import COMPILING, print_json, print_next, progress, r
 
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
-    from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
     from gustproof.flight.routes.flight import Flight, FlightPlan
     from gustproof.show.live.live import LivePage
 
@@ -54,7 +54,7 @@ class Session:
 
     def __init__(
         self,
-        plans: "Sequence[FlightPlan | ExternalPlan]",
+        plans: "Sequence[FlightPlan]",
         compare: "Callable[[Flight], Comparison] | None" = None,
         *,
         tlog: bool,
@@ -85,7 +85,7 @@ class Session:
         if self._failure:
             raise self._failure
 
-    def fly(self, plan: "FlightPlan | ExternalPlan", folder: Path, page: "LivePage | None" = None) -> None:
+    def fly(self, plan: "FlightPlan", folder: Path, page: "LivePage | None" = None) -> None:
         """Fly, print the result, and end at an interruption."""
         from gustproof.flight.routes.outcome import FlightOutcome
 
@@ -115,9 +115,8 @@ class Session:
         from gustproof.show.live.live import LivePage
 
         first = self._plans[0]
-        names = [_controller_name(plan) for plan in self._plans]
-        pilots, paced = [getattr(plan, "controller", None) for plan in self._plans], first.real_time
-        with LivePage(first.scenario, names, first.vehicle, real_time=paced, controllers=pilots) as page:
+        controllers, paced = [plan.controller for plan in self._plans], first.real_time
+        with LivePage(first.scenario, controllers, first.vehicle, real_time=paced) as page:
             print(f"gustproof: open {page.address} and press Start", file=sys.stderr, flush=True)
             _open_page(page.address)
             import_module("gustproof.flight.routes.recorder")  # while the page's reader looks for Start
@@ -168,12 +167,6 @@ def _write_file(path: Path, flight: "Flight") -> None:
         write_ulog(path, flight.records, flight.vehicle, flight.scenario, about, flight.estimates)
 
 
-def _controller_name(plan: "FlightPlan | ExternalPlan") -> str:
-    from gustproof.flight.routes.flight import FlightPlan
-
-    return plan.controller.name if isinstance(plan, FlightPlan) else plan.autopilot.name
-
-
 def _render_report(bags: tuple[Path, ...]) -> str:
     from gustproof.show.report.html.page import render_page
     from gustproof.show.report.html.runs import MAX_RUNS, read_runs
@@ -213,29 +206,26 @@ def _report_failures(result: "Flight", comparison: Comparison | None, folder: Pa
     return None
 
 
-def _fly(
-    plan: "FlightPlan | ExternalPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool
-) -> "Flight":
+def _fly(plan: "FlightPlan", folder: Path, page: "LivePage | None", *, tlog: bool, quiet: bool) -> "Flight":
     """Fly with progress on standard error, and on a page if there is one."""
-    from gustproof.flight.routes.flight import FlightPlan
-    from gustproof.flight.routes.recorder import fly_and_record, fly_external_and_record
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
+    from gustproof.flight.routes.recorder import fly_and_record
 
     if not quiet:
         _print_warnings(plan)
         _print_temporary_cache()
-    title = f"{plan.scenario.name}, {_controller_name(plan)}"
+    title = f"{plan.scenario.name}, {plan.controller.name}"
     beginning = cache(lambda: f"{title}{_note_compiling()}")
-    ours = isinstance(plan, FlightPlan)
-    with progress(beginning, quiet=quiet, at_once=not ours) as shown:
-        writing = f"{title}: writing the bag"
-        callbacks = {
-            "progress": lambda x: shown(x, title if x or quiet else beginning()),
-            "on_flown": lambda: shown(0.0, writing),
-        }
-        options: dict[str, Any] = {"tlog": tlog, **callbacks}
-        if isinstance(plan, FlightPlan):
-            return fly_and_record(plan, folder, **options, on_listening=page.watch if page else None)
-        return fly_external_and_record(plan, folder, **options, on_listening=page.follow if page else None)
+    at_once = isinstance(plan.controller, ExternalAutopilot)
+    with progress(beginning, quiet=quiet, at_once=at_once) as shown:
+        return fly_and_record(
+            plan,
+            folder,
+            tlog=tlog,
+            progress=lambda x: shown(x, title if x or quiet else beginning()),
+            on_flown=lambda: shown(0.0, f"{title}: writing the bag"),
+            on_listening=page.watch if page else None,
+        )
 
 
 def _note_compiling() -> str:
@@ -252,12 +242,13 @@ def _print_temporary_cache() -> None:
         print(f"gustproof: {line}", file=sys.stderr)
 
 
-def _print_warnings(plan: "FlightPlan | ExternalPlan") -> None:
-    from gustproof.flight.routes.flight import FlightPlan, warnings
+def _print_warnings(plan: "FlightPlan") -> None:
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
+    from gustproof.flight.routes.flight import warnings
     from gustproof.law.form import Law
 
-    if not isinstance(plan, FlightPlan):
-        tell_rate(plan.scenario, plan.autopilot.kind)
+    if isinstance(plan.controller, ExternalAutopilot):
+        tell_rate(plan.scenario, plan.controller.kind)
     elif isinstance(plan.controller, Law):
         for warning in warnings(plan.scenario, plan.controller, plan.vehicle, plan.nominal):
             print(f"gustproof: warning: {warning}", file=sys.stderr)
@@ -315,7 +306,7 @@ def choose_autopilot(
     if kind is None:
         refuse_given(context, _AUTOPILOT_OPTIONS, "without --autopilot our own flies")
         return None
-    from gustproof.flight.routes.external import ExternalAutopilot
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 
     refuse_given(context, ("controller",), "--autopilot flies")
     warn_of_repeated([params], kind)
@@ -323,8 +314,8 @@ def choose_autopilot(
 
 
 def confirm_flown(
-    plan: "FlightPlan | ExternalPlan", controller: str | None, autopilot: "ExternalAutopilot | None", where: Path
-) -> "FlightPlan | ExternalPlan":
+    plan: "FlightPlan", controller: str | None, autopilot: "ExternalAutopilot | None", where: Path
+) -> "FlightPlan":
     """Return the plan of a bag or a table, to be flown by what the command line names if that is no law.
 
     Raises
@@ -332,19 +323,21 @@ def confirm_flown(
     ConfigError
         If the command line does not name it, or names another.
     """
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot, confirm_autopilot
     from gustproof.flight.controllers.user_controller import ControllerKind, UserController, confirm_controller
-    from gustproof.flight.routes.external import ExternalPlan, confirm_autopilot
 
-    if isinstance(plan, ExternalPlan):
-        if controller is not None:
-            raise ConfigError(f"{where}: flown by '{plan.autopilot.name}', not by --controller")
-        return plan._replace(autopilot=confirm_autopilot(plan.autopilot, autopilot, where))
-    if autopilot is not None or (controller is not None and not isinstance(plan.controller, UserController)):
-        option = "--controller" if autopilot is None else "--autopilot"
-        raise ConfigError(f"{where}: flown by '{plan.controller.name}', not by {option}")
-    if not isinstance(plan.controller, UserController):
+    flown = plan.controller
+    for given, option, kind in (
+        (controller, "--controller", UserController),
+        (autopilot, "--autopilot", ExternalAutopilot),
+    ):
+        if given is not None and not isinstance(flown, kind):
+            raise ConfigError(f"{where}: flown by '{flown.name}', not by {option}")
+    if isinstance(flown, ExternalAutopilot):
+        return plan._replace(controller=confirm_autopilot(flown, autopilot, where))
+    if not isinstance(flown, UserController):
         return plan
-    confirmed = confirm_controller(plan.controller, controller, where)
+    confirmed = confirm_controller(flown, controller, where)
     identity = (
         f"its SHA-256 {confirmed.digest[:16]}…" if confirmed.kind is not ControllerKind.PROGRAM else "its command"
     )

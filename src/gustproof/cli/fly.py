@@ -26,9 +26,8 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.vehicle import Vehicle
+    from gustproof.flight.controllers.external_autopilot import AnyController
     from gustproof.flight.controllers.user_controller import Controller
-    from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
-    from gustproof.flight.routes.flight import FlightPlan
 
 
 def fly(
@@ -94,6 +93,7 @@ def fly(
         gustproof fly paper-turbulence --autopilot px4 --build PX4-Autopilot
     """
     from firmware_model.config.vehicle import load_vehicle
+    from gustproof.flight.routes.flight import FlightPlan
 
     written = [*(output or []), *([Path(f"{Path(scenario).stem}.ulg")] if ulog else [])]
     folder, files = _split_outputs(written, view=view)
@@ -101,14 +101,14 @@ def fly(
     _refuse_several(laws, allowed=view and not (as_json or autopilot))
     chosen = choose_autopilot(context, autopilot, build, params, laws[0], instance)
     script = load_script(scenario, load_vehicle(vehicle), free=free)
-    plans: list[FlightPlan | ExternalPlan]
+    controllers: Sequence[tuple[AnyController, Vehicle]]
     if chosen:
-        plans = [_make_external_plan(script, chosen, vehicle, seed, real_time=real_time)]
+        controllers, real_time = [(chosen, load_vehicle(vehicle))], real_time or not chosen.has_lockstep
     else:
         controllers = [
             _find_controller(script, each, controller, vehicle, anyway=anyway, quiet=as_json) for each in laws
         ]
-        plans = _make_plans(script, controllers, seed, real_time=real_time)
+    plans = [FlightPlan(script, flown, airframe, seed, real_time) for flown, airframe in controllers]
     Session(plans, tlog=not no_tlog, as_json=as_json, files=files).run(folder, view=view)
 
 
@@ -134,14 +134,6 @@ def _refuse_several(laws: Sequence[str | None], *, allowed: bool) -> None:
         )
 
 
-def _make_plans(
-    script: "Scenario", controllers: "Sequence[tuple[Controller, Vehicle]]", seed: int, *, real_time: bool
-) -> "list[FlightPlan | ExternalPlan]":
-    from gustproof.flight.routes.flight import FlightPlan
-
-    return [FlightPlan(script, controller, vehicle, seed, real_time) for controller, vehicle in controllers]
-
-
 def load_script(scenario: str, vehicle: "Vehicle", *, free: bool) -> "Scenario":
     """Return the scenario with the vehicle's delay, in free flight if `free`; its name then says so."""
     from dataclasses import replace
@@ -150,15 +142,6 @@ def load_script(scenario: str, vehicle: "Vehicle", *, free: bool) -> "Scenario":
 
     script = on_vehicle(load_scenario(scenario), vehicle)
     return replace(script, name=f"{script.name}-free", translation="free") if free and not script.free else script
-
-
-def _make_external_plan(
-    script: "Scenario", autopilot: "ExternalAutopilot", vehicle: str, seed: int, *, real_time: bool
-) -> "ExternalPlan":
-    from firmware_model.config.vehicle import load_vehicle
-    from gustproof.flight.routes.external import ExternalPlan
-
-    return ExternalPlan(script, autopilot, load_vehicle(vehicle), seed, real_time or not autopilot.has_lockstep)
 
 
 def _find_controller(

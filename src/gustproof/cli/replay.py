@@ -20,7 +20,6 @@ from gustproof.cli.flights import (
 from gustproof.cli.options import AsJson, AutopilotName, Build, Params
 
 if TYPE_CHECKING:
-    from gustproof.flight.routes.external import ExternalPlan
     from gustproof.flight.routes.flight import Flight, FlightPlan
 
 
@@ -50,18 +49,16 @@ def replay(
     Session([plan], partial(_compare, run, plan), tlog=not no_tlog, as_json=as_json).run(output, view=view)
 
 
-def _load_plan(run: Path) -> "FlightPlan | ExternalPlan":
+def _load_plan(run: Path) -> "FlightPlan":
     from gustproof.flight.recording.bag import read_flight
     from gustproof.flight.recording.folder import find_bag
-    from gustproof.flight.routes.external import parse_external_plan
     from gustproof.flight.routes.flight import parse_plan
 
     bag = find_bag(run)
-    about = read_flight(bag)
-    return parse_external_plan(about, bag) if about.get("autopilot") else parse_plan(about, bag)
+    return parse_plan(read_flight(bag), bag)
 
 
-def _compare(run: Path, plan: "FlightPlan | ExternalPlan", result: "Flight") -> Comparison:
+def _compare(run: Path, plan: "FlightPlan", result: "Flight") -> Comparison:
     """Compare every bit of a flight with the recorded one."""
     from gustproof.flight.recording.bag import read_flight
     from gustproof.flight.recording.difference import first_difference

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.flight.routes.external import ExternalAutopilot
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
     from gustproof.law.form import Law
     from gustproof.studies.wind_limit.kept import Kept
     from gustproof.studies.wind_limit.real_flights import RealFlight
@@ -202,7 +202,7 @@ def _find_real(parameters: str | None, build: str, law: "Law") -> "ExternalAutop
     """Return the autopilot whose loops a law stands for, if a build is given."""
     if not build or parameters is None:
         return None
-    from gustproof.flight.routes.external import ExternalAutopilot
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
     from gustproof.studies.rate.advice import autopilot_kind
 
     kind = autopilot_kind(law)

@@ -59,7 +59,7 @@ def end_flight(monkeypatch):
             (journal := out / f"{scenario.name}.journal").touch()
             flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed) if records is None else records
             return Flight(
-                scenario=scenario, law=law, vehicle=vehicle, seed=seed, records=flown, outcome=outcome,
+                scenario=scenario, controller=law, vehicle=vehicle, seed=seed, records=flown, outcome=outcome,
                 message="it ended", realtime_factor=9.0, timing=None, journal=journal,
             )  # fmt: skip
 

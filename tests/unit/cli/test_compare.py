@@ -15,7 +15,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli import compare
 from gustproof.cli.app import app
 from gustproof.design.autopilot_gains import AutopilotTuning
-from gustproof.flight.routes.external import ExternalAutopilot
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.law.form import load_law
 from gustproof.show.report import contest
 from gustproof.studies.campaign import comparison

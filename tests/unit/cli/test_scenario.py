@@ -89,7 +89,7 @@ def flown(tmp_path, monkeypatch, second):
             (out / "journal").touch()
             return Flight(
                 scenario=scenario,
-                law=law,
+                controller=law,
                 vehicle=vehicle,
                 seed=seed,
                 records=second[:samples],

@@ -6,7 +6,7 @@ import pytest
 from gustproof.flight.routes import recorder
 from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind
+from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.processes import fly_plan
 from gustproof.law.form import Law
@@ -25,7 +25,7 @@ def _fly_here(plan: FlightPlan, out: Path, **_: Any) -> Flight:
     journal = out / f"{plan.name}.journal"
     journal.touch()
     return Flight(
-        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, controller=controller, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message="flown", realtime_factor=1.0, journal=journal,
     )  # fmt: skip
 

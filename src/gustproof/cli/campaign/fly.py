@@ -43,8 +43,9 @@ from gustproof.cli.options import (
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
+    from gustproof.flight.controllers.external_autopilot import AnyController
     from gustproof.flight.controllers.user_controller import UserController
-    from gustproof.studies.campaign.plan import AnyController, Campaign
+    from gustproof.studies.campaign.plan import Campaign
     from gustproof.studies.campaign.statistics import CampaignStatistics
     from gustproof.studies.campaign.store import Shard
 
@@ -124,7 +125,8 @@ def _find_controllers(
     vehicles: "VehicleSet",
     script: "Scenario",
 ) -> "tuple[AnyController, ...]":
-    from gustproof.flight.routes.external import ExternalAutopilot, check_external
+    from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
+    from gustproof.flight.routes.external import check_external
 
     found: tuple[AnyController, ...] = (
         *(find_law(name, vehicles.nominal, script.control_rate_hz) for name in laws),

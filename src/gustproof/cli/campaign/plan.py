@@ -14,7 +14,8 @@ from gustproof.cli.options import complete
 if TYPE_CHECKING:
     from firmware_model.config.scenario import Scenario
     from firmware_model.config.uncertainty import VehicleSet
-    from gustproof.studies.campaign.plan import AnyController, Campaign, DispersionKind
+    from gustproof.flight.controllers.external_autopilot import AnyController
+    from gustproof.studies.campaign.plan import Campaign, DispersionKind
 
 Choice = TypeVar("Choice", bound=Enum)
 ScenarioName = Annotated[

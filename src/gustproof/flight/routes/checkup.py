@@ -24,8 +24,9 @@ from firmware_model.numerics.kept_code import find_damaged
 from firmware_model.process import realtime, udp
 from firmware_model.sim.step import advance
 from firmware_model.sim.vehicle_loop import is_cold as is_cold
+from gustproof.flight.controllers.external_autopilot import AUTOPILOTS
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.external import AUTOPILOTS, find_build
+from gustproof.flight.routes.external import find_build
 from gustproof.flight.routes.flight import FlightPlan, first_difference_s
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.processes import fly_plan

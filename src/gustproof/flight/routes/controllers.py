@@ -1,18 +1,23 @@
 """Fly any controller and name the end of its flight: in this process, or by MAVLink in lockstep if it is a program."""
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from gustproof.errors import FlightError
+from gustproof.flight.controllers.external_autopilot import AnyController, ExternalAutopilot
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.controllers.stepper import StepError, StepFault, make_stepper
-from gustproof.flight.controllers.user_controller import Controller, ControllerKind, UserController
+from gustproof.flight.controllers.user_controller import ControllerKind, UserController
 from gustproof.flight.routes.direct import NeedsMessages, fly_direct, fly_library, fly_stepper
-from gustproof.flight.routes.flight import Flight, by_kind
+from gustproof.flight.routes.external import fly_external
+from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.flight.routes.loopback import fly_by_messages, fly_loopback
 from gustproof.flight.routes.outcome import FlightOutcome, describe, infer_outcome
 from gustproof.flight.routes.processes import fly
+from gustproof.flight.scoring.metrics import Metrics
 from gustproof.law.form import Law, find_vehicle
 from gustproof.types import Records
 
@@ -21,13 +26,13 @@ _Flown = tuple[Records, FlightOutcome, str]
 
 def fly_controller(
     scenario: Scenario,
-    controller: Controller,
+    controller: AnyController,
     *,
     vehicle: Vehicle | None = None,
     seed: int = 1,
     nominal: Vehicle | None = None,
 ) -> Flight:
-    """Fly a scenario with a law or a user's controller and return what was flown, whatever its end.
+    """Fly a scenario with a law, a user's controller or a real autopilot; return what was flown, whatever its end.
 
     Without `vehicle` it is the shipped one that the law was made for. The maker of a user's controller gets `nominal`,
     by default the flown vehicle: what its user knows, not what is flown. If a program's set-points stop, the vehicle's
@@ -36,7 +41,7 @@ def fly_controller(
     Raises
     ------
     ConfigError
-        If the controller can't be made.
+        If the controller can't be made, or the autopilot not be started.
     ValueError
         If no vehicle is given, and the controller is no law of a shipped one.
 
@@ -52,10 +57,14 @@ def fly_controller(
     requirements: 3 of 3 met
     """
     flown = find_vehicle(controller, vehicle, scenario)
+    if isinstance(controller, ExternalAutopilot):
+        with TemporaryDirectory() as folder:
+            plan = FlightPlan(scenario, controller, flown, seed, real_time=False)
+            return replace(fly_external(plan, Path(folder)), journal=None)
     records, outcome, message = _fly(scenario, controller, flown, seed, nominal or flown)
     return Flight(
         scenario=scenario,
-        **by_kind(controller),
+        controller=controller,
         vehicle=flown,
         seed=seed,
         records=records,
@@ -65,7 +74,25 @@ def fly_controller(
     )
 
 
-def _fly(scenario: Scenario, controller: Controller, vehicle: Vehicle, seed: int, nominal: Vehicle) -> _Flown:
+def fly_to_end(scenario: Scenario, autopilot: ExternalAutopilot, vehicle: Vehicle, seed: int) -> tuple[Flight, Metrics]:
+    """Fly a scenario with a real autopilot; return the flight and its figures.
+
+    Raises
+    ------
+    ConfigError
+        If the autopilot can't be started.
+    FlightError
+        If the flight broke off.
+    """
+    flight = fly_controller(scenario, autopilot, vehicle=vehicle, seed=seed)
+    if flight.outcome is FlightOutcome.INTERRUPTED:
+        raise KeyboardInterrupt  # taken by the flight, for its recording
+    if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
+        raise FlightError(flight.message)
+    return flight, flight.metrics
+
+
+def _fly(scenario: Scenario, controller: Law | UserController, vehicle: Vehicle, seed: int, nominal: Vehicle) -> _Flown:
     if isinstance(controller, UserController) and controller.kind is ControllerKind.PROGRAM:
         with TemporaryDirectory() as folder:
             flight = fly(scenario, controller, vehicle=vehicle, seed=seed, out=Path(folder))

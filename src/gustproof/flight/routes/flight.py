@@ -21,6 +21,7 @@ from firmware_model.physics.rotors import can_hover
 from firmware_model.recording.journal import record_blocks
 from firmware_model.sim.fault_schedule import fault_schedule
 from gustproof.airframe.hover import is_stable_at_hover, link_delay_samples
+from gustproof.flight.controllers.external_autopilot import AnyController, parse_autopilot
 from gustproof.flight.controllers.user_controller import (
     Controller,
     ControllerKind,
@@ -52,8 +53,8 @@ class Flight(Tabled):
 
     scenario: Scenario
     """Script."""
-    law: Law | None
-    """Law in control; `None` for any other controller."""
+    controller: Controller | None
+    """Law or user's controller in control; `None` for a real autopilot, or if it is not known."""
     vehicle: Vehicle
     """Vehicle."""
     seed: int
@@ -82,14 +83,17 @@ class Flight(Tabled):
     """Journal file; `None` once a bag has replaced it."""
     autopilot: Mapping[str, Any] | None = None
     """Plan and facts of the real autopilot that flew: kind, version, build, parameters; `None` for our own."""
-    entry: UserController | None = None
-    """Controller that is no law, in control; `None` if a law or another autopilot was."""
     estimates: Records | None = None
     """(n,) attitudes as a real autopilot told them, see `firmware_model.recording.estimates`; `None` for our own."""
     bag: Path | None = None
     """Folder of the bag; `None` if no sample was flown, or nothing was recorded."""
     nominal: Vehicle | None = None
     """Vehicle of which the flown one is a sample; `None` if it is none."""
+
+    @property
+    def law(self) -> Law | None:
+        """Law in control; `None` for any other controller."""
+        return self.controller if isinstance(self.controller, Law) else None
 
     @cached_property
     def metrics(self) -> Metrics | None:
@@ -108,7 +112,7 @@ class Flight(Tabled):
         """Name of the law, the controller or the autopilot that flew, in texts and files."""
         if self.autopilot is not None:
             return str(self.autopilot["name"])
-        return law_name(self.law) if self.entry is None else self.entry.name
+        return "own-controller" if self.controller is None else self.controller.name
 
     @cached_property
     def estimator_view(self) -> EstimatorView | None:
@@ -180,7 +184,7 @@ class Flight(Tabled):
 
     def matches(self, scenario: str, law: str) -> bool:
         """Return whether this is a flight of `scenario` with `law`, whatever the seed."""
-        return (self.scenario.name, law_name(self.law)) == (scenario, law)
+        return (self.scenario.name, self.pilot_name) == (scenario, law)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the flight as JSON; the figures stand at the top level under their names."""
@@ -188,7 +192,7 @@ class Flight(Tabled):
             "scenario": self.scenario.name,
             "law": None if self.law is None else self.law.name,
             **({} if self.autopilot is None else {"autopilot": dict(self.autopilot)}),
-            **({} if self.entry is None else {"controller": self.entry.to_dict()}),
+            **({"controller": self.controller.to_dict()} if isinstance(self.controller, UserController) else {}),
             "vehicle": self.vehicle.name,
             "seed": self.seed,
             "outcome": self.outcome.name.lower(),
@@ -207,8 +211,8 @@ class FlightPlan(NamedTuple):
 
     scenario: Scenario
     """Script."""
-    controller: Controller
-    """Law, or a controller that is none."""
+    controller: AnyController
+    """Law, a controller of the user's, or a real autopilot."""
     vehicle: Vehicle
     """Vehicle."""
     seed: int
@@ -298,14 +302,16 @@ def warnings(scenario: Scenario, law: Law, vehicle: Vehicle, nominal: Vehicle | 
 def parse_plan(metadata: Any, source: Path) -> FlightPlan:
     """Return the plan in the metadata of a bag or a journal.
 
-    A law can fly at once, a user's controller only after `confirm_controller`.
+    A law can fly at once, a user's controller only after `confirm_controller`, an autopilot after `confirm_autopilot`.
 
     Raises
     ------
     ConfigError
         If there is none, or the law is missing.
     """
-    scenario, controller, vehicle, seed, real_time = parse_metadata(metadata, source)
+    scenario, known, vehicle, seed, real_time = parse_metadata(metadata, source)
+    autopilot = metadata.get("autopilot")
+    controller = parse_autopilot(autopilot, source) if autopilot else known
     if controller is None:
         raise ConfigError(f"{source}: flown by a controller of its own, whose law is not in it")
     return FlightPlan(scenario, controller, vehicle, seed, real_time, parse_nominal(metadata, source))
@@ -317,18 +323,11 @@ def parse_nominal(metadata: Mapping[str, Any], source: Path) -> Vehicle | None:
     return None if nominal is None else validate(Vehicle, nominal, f"{source}: nominal vehicle")
 
 
-def _describe_controller(controller: Controller) -> dict[str, Any]:
-    if isinstance(controller, UserController):
-        return {"law": None, "controller": controller.to_dict()}
-    return {"law": {**controller.to_dict(), "order": controller.order}}
-
-
-def by_kind(controller: Controller | None) -> dict[str, Any]:
-    """Return the fields of a `Flight` that hold its controller."""
-    return {
-        "law": controller if isinstance(controller, Law) else None,
-        "entry": controller if isinstance(controller, UserController) else None,
-    }
+def _describe_controller(controller: AnyController) -> dict[str, Any]:
+    if isinstance(controller, Law):
+        return {"law": {**controller.to_dict(), "order": controller.order}}
+    kind = "controller" if isinstance(controller, UserController) else "autopilot"
+    return {"law": None, kind: controller.to_dict()}
 
 
 def parse_metadata(metadata: Any, source: Path) -> tuple[Scenario, Controller | None, Vehicle, int, bool]:
@@ -379,8 +378,3 @@ def kill_schedule(scenario: Scenario) -> KillSchedule | None:
 def flight_name(scenario: Scenario, controller: str, seed: int) -> str:
     """Return the name of a flight's files; `controller` is the law or the autopilot."""
     return f"{scenario.name}-{controller}-seed{seed}"
-
-
-def law_name(law: Law | None) -> str:
-    """Return the name of a law in texts and files; `None` stands for a controller of the user's own."""
-    return "own-controller" if law is None else law.name

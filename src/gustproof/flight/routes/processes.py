@@ -28,9 +28,10 @@ from firmware_model.process.child import share_core
 from firmware_model.process.fork import can_fork, run_in_copy
 from firmware_model.recording.journal import count_records, read_journal, record_type
 from firmware_model.session.outcome import VehicleOutcome as VehicleOutcome
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.endpoint.guard import describe_exit
-from gustproof.flight.routes.flight import Flight, FlightPlan, KillSchedule, by_kind, kill_schedule
+from gustproof.flight.routes.flight import Flight, FlightPlan, kill_schedule
 from gustproof.flight.routes.outcome import FlightOutcome, blame_physics, describe
 from gustproof.flight.routes.programs import controller_command, describe_start, is_program, refine_outcome
 from gustproof.flight.scoring.metrics import measure
@@ -109,8 +110,10 @@ def fly_plan(
     tlog: bool = False,
     on_listening: Callable[[int, Path], None] | None = None,
 ) -> Flight:
-    """Fly a plan as `fly` does."""
+    """Fly a plan as `fly` does; that of a real autopilot is for `external.fly_external`."""
     scenario, controller, vehicle, seed, real_time, _ = plan
+    if isinstance(controller, ExternalAutopilot):
+        raise TypeError(f"'{controller.name}' is a real autopilot: fly it by external.fly_external")
     _check_rate(scenario, controller)
     out.mkdir(parents=True, exist_ok=True)
     journal, log = (out / f"{plan.name}.{kind}" for kind in ("journal", "tlog"))
@@ -122,7 +125,7 @@ def fly_plan(
         ports = [] if real_time and default_ports else ["--bind-port", "0"]
         logged = ["--tlog", str(log)] if tlog else []
         options = [*pacing, *ports, *logged]
-        pair = _ProcessPair(files, plan, journal, options, kill_schedule(scenario))
+        pair = _ProcessPair(files, plan, controller, journal, options)
         try:
             with pair:
                 outcome = pair.fly(scenario.samples, progress or (lambda _: None), on_listening or (lambda *_: None))
@@ -138,7 +141,7 @@ def fly_plan(
     words = describe(outcome, scenario, records)
     reason = f" ({pair.reason})" if pair.reason and words == outcome.value else ""
     return Flight(
-        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, controller=controller, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message=f"{scenario.name}, {controller.name}, seed {seed}: {words}{reason}",
         realtime_factor=summary.get("realtime_factor", 0.0), counters=summary.get("counters", {}),
         timing=summary.get("pace"), link=summary.get("link_faults", {}), journal=journal, nominal=plan.nominal,
@@ -185,7 +188,7 @@ class _ProcessPair:
     """Vehicle and controller of a flight, each a process, and a spare controller if the script kills that one."""
 
     def __init__(
-        self, files: dict[str, Path], plan: FlightPlan, journal: Path, options: list[str], kill: KillSchedule | None
+        self, files: dict[str, Path], plan: FlightPlan, controller: Controller, journal: Path, options: list[str]
     ) -> None:
         self.summary: dict[str, Any] = {}
         self.reason = ""
@@ -193,11 +196,11 @@ class _ProcessPair:
         self._gave_up = self._alone = False
         self._plan, self._files, self._journal, self._options = plan, files, journal, options
         self._rotors = plan.vehicle.rotors.count
-        self._kill, self._replaced, self._address = kill, False, ""
-        self._is_program = is_program(plan.controller)
-        self._is_law = isinstance(plan.controller, Law)
+        self._kill, self._replaced, self._address = kill_schedule(plan.scenario), False, ""
+        self._is_program = is_program(controller)
+        self._is_law = isinstance(controller, Law)
         self._controller = controller_command(
-            plan.controller, files, real_time=plan.real_time, level=not plan.scenario.references
+            controller, files, real_time=plan.real_time, level=not plan.scenario.references
         )
         self._scripted = plan.scenario.has_link_script
         self._processes: dict[str, subprocess.Popen[str]] = {}

@@ -11,10 +11,11 @@ from firmware_model.recording.durable_file import is_growing
 from firmware_model.recording.estimates import ATTITUDE_SUFFIX, read_estimates
 from firmware_model.recording.journal import read_journal
 from gustproof.errors import FlightError
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.recording.bag import UNFINISHED_PREFIX, write_bag
 from gustproof.flight.recording.difference import first_difference
-from gustproof.flight.routes.external import ExternalPlan, fly_external
-from gustproof.flight.routes.flight import Flight, FlightPlan, by_kind, flight_name, parse_metadata, parse_nominal
+from gustproof.flight.routes.external import fly_external
+from gustproof.flight.routes.flight import Flight, FlightPlan, flight_name, parse_metadata, parse_nominal
 from gustproof.flight.routes.outcome import describe, infer_outcome
 from gustproof.flight.routes.processes import WORKING_PREFIX, fly_plan
 
@@ -25,14 +26,14 @@ def fly_and_record(
     *,
     tlog: bool = False,
     progress: Callable[[float], None] | None = None,
-    on_listening: Callable[[int, Path], None] | None = None,
+    on_listening: Callable[[int | None, Path], None] | None = None,
     on_flown: Callable[[], None] = lambda: None,
 ) -> Flight:
     """Fly a plan over UDP and leave its bag in the folder `out`, named for scenario, law and seed.
 
-    `progress` and `on_listening` are those of `processes.fly`. `on_flown` is called before the bag is written, which
-    takes seconds for an hour of flight. With `tlog` the MAVLink traffic is left beside the bag. The journal is removed
-    once its bag is whole, or if it is empty.
+    `progress` and `on_listening` are those of `processes.fly`, or of `external.fly_external` for a real autopilot.
+    `on_flown` is called before the bag is written, which takes seconds for an hour of flight. With `tlog` the MAVLink
+    traffic is left beside the bag. The journal is removed once its bag is whole, or if it is empty.
 
     Raises
     ------
@@ -41,33 +42,11 @@ def fly_and_record(
     FlightError
         If the bag can't be written; the journal stays for `recover`.
     """
-    flight = fly_plan(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
+    fly = fly_external if isinstance(plan.controller, ExternalAutopilot) else fly_plan
+    flight = fly(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
     on_flown()
-    return _replace_journal(flight, plan.metadata())
-
-
-def fly_external_and_record(
-    plan: ExternalPlan,
-    out: Path,
-    *,
-    tlog: bool = False,
-    progress: Callable[[float], None] | None = None,
-    on_listening: Callable[[Path], None] | None = None,
-    on_flown: Callable[[], None] = lambda: None,
-) -> Flight:
-    """Fly a real autopilot and leave its bag in the folder `out`; the rest is as for `fly_and_record`.
-
-    Raises
-    ------
-    ConfigError
-        If the bag exists already, or the flight can't be started as requested.
-    FlightError
-        If the bag can't be written; the journal stays for `recover`.
-    """
-    flight = fly_external(plan, out, tlog=tlog, progress=progress, on_listening=on_listening)
-    on_flown()
-    flown = plan._replace(scenario=flight.scenario)
-    return _replace_journal(flight, {**flown.metadata(), "autopilot": flight.autopilot})
+    facts = {} if flight.autopilot is None else {"autopilot": flight.autopilot}
+    return _replace_journal(flight, {**plan._replace(scenario=flight.scenario).metadata(), **facts})
 
 
 def recover(folder: Path) -> list[Flight]:
@@ -101,7 +80,7 @@ def _recover(journal: Path) -> Flight:
     outcome = infer_outcome(records, scenario)
     ended = f"{describe(outcome, scenario, records)}, {len(records)} of {scenario.samples} samples"
     flight = Flight(
-        scenario=scenario, **by_kind(controller), vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+        scenario=scenario, controller=controller, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
         message="", journal=journal, nominal=parse_nominal(metadata, journal), autopilot=metadata.get("autopilot"),
         estimates=read_estimates(journal.with_suffix(ATTITUDE_SUFFIX)) if "autopilot" in metadata else None,
     )  # fmt: skip

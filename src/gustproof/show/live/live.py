@@ -24,6 +24,7 @@ from firmware_model.config.vehicle import Vehicle
 from firmware_model.process import udp
 from firmware_model.recording.journal import RECORD, read_journal
 from firmware_model.types import AXES
+from gustproof.flight.controllers.external_autopilot import AnyController
 from gustproof.show.live.ground_station import STREAM_US, GroundStation
 from gustproof.show.live.journal_follower import follow_journal
 from gustproof.show.live.requirement_status import requirement_status
@@ -41,24 +42,24 @@ _NO_RECORDS = np.empty(0, dtype=RECORD)
 class LivePage:
     """The page and its data sources; a context manager that leaves no thread and no socket behind.
 
-    `laws` are the laws that the page lets choose from, at least one; `controllers` are what has these names.
+    The page lets choose from `controllers`, at least one.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        laws: Sequence[str],
+        controllers: Sequence[AnyController],
         vehicle: Vehicle,
         *,
         real_time: bool,
-        controllers: Sequence[object] | None = None,
     ) -> None:
         self._scenario, self._vehicle, self._real_time = scenario, vehicle, real_time
         self._every = max(round(STREAM_US / scenario.sample_us), 1)
         parameters = Parameters(vehicle, scenario)
         self._gust = parameters.table[parameters.index(GUST_SCALE_NAME) or 0]
+        laws = [each.name for each in controllers]
         self._buffer = TelemetryBuffer(
-            scenario=scenario.name, laws=[*laws], law=laws[0], vehicle=vehicle.name, duration_s=scenario.duration_s,
+            scenario=scenario.name, laws=laws, law=laws[0], vehicle=vehicle.name, duration_s=scenario.duration_s,
             real_time=real_time, phase="ready", message="", mode="", armed=False, paused=False, texts=[], link=None,
             bands=[span._asdict() for span in timeline(scenario)], limits=_limits(scenario, vehicle), commands=[],
             has_report=False, goes_on=False, compiling=0,
@@ -66,7 +67,7 @@ class LivePage:
             lights=requirement_status(_NO_RECORDS, scenario, vehicle, over=False),
         )  # fmt: skip
         self._started, self._done = Event(), Event()
-        self._law, self._controllers = 0, controllers or [None] * len(laws)
+        self._law, self._controllers = 0, controllers
         self._requests: dict[str, float] = {}
         self._station: GroundStation | None = None
         self._threads: list[Thread] = []
@@ -111,30 +112,24 @@ class LivePage:
             self._buffer.update(goes_on=False)
         return self._law
 
-    def watch(self, port: int, journal: Path) -> None:
+    def watch(self, port: int | None, journal: Path) -> None:
         """Show the flight of the vehicle that listens on `port` and writes `journal`.
 
         This is the `on_listening` of `processes.fly`. Parameters that the page has set already reach the vehicle before
-        the flight begins.
+        the flight begins. A real autopilot has no port: its journal is all that comes here.
         """
-        limit, peer = published_limit(self._vehicle), (0, (LOOPBACK, port))
-        station = GroundStation(peer, self._buffer, limit, streams=self._real_time)
-        for name, value in self._requests.items():
-            station.set_parameter(name, value)
-        self._station = station
-        self._run(_serve, station)
-        names = ("age",) if self._real_time else SERIES  # no message has the age
+        if port is not None:
+            limit, peer = published_limit(self._vehicle), (0, (LOOPBACK, port))
+            self._station = GroundStation(peer, self._buffer, limit, streams=self._real_time)
+            for name, value in self._requests.items():
+                self._station.set_parameter(name, value)
+            self._run(_serve, self._station)
+        names = SERIES if port is None or not self._real_time else ("age",)  # no message has the age
         self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, names)
         if self._scenario.require:
             self._run(self._judge, journal)
-        station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
-        self._buffer.update(phase="flying")
-
-    def follow(self, journal: Path) -> None:
-        """Show the flight of a real autopilot, whose journal is all that comes here."""
-        self._run(follow_journal, journal, self._every, self._scenario.sample_us, self._buffer, self._done, SERIES)
-        if self._scenario.require:
-            self._run(self._judge, journal)
+        if port is not None and self._station is not None:
+            self._station.parameters_confirmed.wait(_JOIN_TIMEOUT_S)
         self._buffer.update(phase="flying")
 
     def end(

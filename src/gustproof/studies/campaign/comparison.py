@@ -7,9 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import geometric_mean, median
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -18,10 +16,9 @@ import numpy as np
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.design.inside import PriceInside
-from gustproof.errors import DesignError, FlightError
-from gustproof.flight.controllers.user_controller import Controller
-from gustproof.flight.routes.controllers import fly_controller
-from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
+from gustproof.errors import DesignError
+from gustproof.flight.controllers.external_autopilot import AnyController, ExternalAutopilot
+from gustproof.flight.routes.controllers import fly_controller, fly_to_end
 from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.routes.upsets import first_tilt_s
@@ -33,8 +30,6 @@ from gustproof.studies.campaign.paired import Change, error_ratio, find_change, 
 from gustproof.studies.operating_point import MeasuredPoint, measure_operating_point
 from gustproof.types import Records, finite_or_none
 
-AnyController = ExternalAutopilot | Controller
-"""A real autopilot, or what flies here."""
 WORST_DEG = 60.0
 """[deg] error that counts for a failed flight, and the largest that counts for any."""
 
@@ -242,19 +237,13 @@ def _own_ratio(flown: _Flights, first: _Flights) -> IntervalEstimate | None:
 
 
 def _fly(scenario: Scenario, vehicle: Vehicle, controller: AnyController, seed: int) -> _Flown:
-    if not isinstance(controller, ExternalAutopilot):
-        with np.errstate(all="ignore"):  # a loop that diverges is a result
-            flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
-            return _read_flight(
-                flight, measure(flight.records, vehicle, scenario, law=controller), None, find_phases(scenario)
-            )
-    with TemporaryDirectory() as folder:
-        flight = fly_external(ExternalPlan(scenario, controller, vehicle, seed, real_time=False), Path(folder))
-    if flight.outcome is FlightOutcome.INTERRUPTED:
-        raise KeyboardInterrupt  # taken by the flight, for its recording
-    if flight.outcome is not FlightOutcome.DONE or flight.metrics is None:
-        raise FlightError(flight.message)
-    return _read_flight(flight, flight.metrics, flight.estimator_view, find_phases(scenario))
+    if isinstance(controller, ExternalAutopilot):
+        flight, figures = fly_to_end(scenario, controller, vehicle, seed)
+        return _read_flight(flight, figures, flight.estimator_view, find_phases(scenario))
+    with np.errstate(all="ignore"):  # a loop that diverges is a result
+        flight = fly_controller(scenario, controller, vehicle=vehicle, seed=seed)
+        figures = measure(flight.records, vehicle, scenario, law=controller)
+        return _read_flight(flight, figures, None, find_phases(scenario))
 
 
 def _read_flight(

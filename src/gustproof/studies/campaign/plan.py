@@ -17,16 +17,20 @@ from firmware_model.config.scenario import Scenario
 from firmware_model.config.spreads import Spread
 from firmware_model.config.uncertainty import VehicleSet, make_vehicle_set
 from firmware_model.errors import ConfigError
+from gustproof.flight.controllers.external_autopilot import (
+    AnyController,
+    ExternalAutopilot,
+    confirm_autopilot,
+    parse_autopilot,
+)
 from gustproof.flight.controllers.library import load_library
 from gustproof.flight.controllers.user_controller import (
-    Controller,
     ControllerKind,
     UserController,
     confirm_controller,
     parse_controller_metadata,
 )
 from gustproof.flight.routes.batch import Case
-from gustproof.flight.routes.external import ExternalAutopilot, confirm_autopilot, parse_autopilot
 from gustproof.law.form import Law, parse_law
 from gustproof.robust.shown import Shown
 from gustproof.studies.campaign.sampling import Sampling, draw_deltas, flight_seeds
@@ -36,10 +40,6 @@ from gustproof.version import software_versions
 FORMAT = "gustproof-campaign-1"
 _GUST = "gust_scale"
 _ATTITUDE = ("initial_roll_deg", "initial_pitch_deg", "initial_yaw_deg")
-
-
-AnyController = Controller | ExternalAutopilot
-"""Whatever flies a campaign."""
 
 
 class DispersionKind(Enum):

@@ -33,8 +33,8 @@ from firmware_model.config.scenario import NoiseRotation
 from firmware_model.config.validation import none_of
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
-from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.flight.routes.kernels import LANES
 from gustproof.studies.campaign.executors import Pool
 from gustproof.studies.campaign.intervals import CONFIDENCE, IntervalEstimate, positive_mean, proportion

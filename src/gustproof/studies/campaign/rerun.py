@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_model.errors import ConfigError
-from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.routes.flight import Flight, FlightPlan
 from gustproof.studies.campaign.plan import Campaign
 from gustproof.studies.campaign.reader import read_campaign, read_run
@@ -23,15 +23,13 @@ class CampaignRun(NamedTuple):
     """Results by column."""
 
     @property
-    def plan(self) -> FlightPlan | ExternalPlan:
+    def plan(self) -> FlightPlan:
         """Plan of a flight that repeats the run."""
         delta = [self.row[delta_column(name)] for name in self.campaign.spreads]
         case = self.campaign.make_case(delta, self.row["seed"])
         law = self.campaign.law_of(self.row["run"])
         script = case.apply_to(self.campaign.scenario)
-        if isinstance(law, ExternalAutopilot):
-            return ExternalPlan(script, law, case.vehicle, case.seed, real_time=False)
-        nominal = self.campaign.vehicles.nominal
+        nominal = None if isinstance(law, ExternalAutopilot) else self.campaign.vehicles.nominal
         return FlightPlan(script, law, case.vehicle, case.seed, real_time=False, nominal=nominal)
 
     def differences(self, flight: Flight) -> list[str]:

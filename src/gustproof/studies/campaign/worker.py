@@ -8,8 +8,6 @@ from dataclasses import fields
 from functools import lru_cache
 from itertools import chain
 from operator import attrgetter
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,16 +17,16 @@ from firmware_model.config.requirement import Requirement
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.validation import sanitize_line
 from firmware_model.errors import ConfigError
+from gustproof.flight.controllers.external_autopilot import AnyController, ExternalAutopilot
 from gustproof.flight.controllers.user_controller import Controller
 from gustproof.flight.routes.batch import Case, CaseResult, make_batch_simulator
 from gustproof.flight.routes.controllers import fly_controller
-from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan, fly_external
 from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.kernels import LANES
 from gustproof.flight.routes.outcome import ENTRY_FAILURES, FlightOutcome
 from gustproof.flight.scoring.metrics import FIGURE_UNITS, Metrics, measure
 from gustproof.flight.scoring.requirements import judge, requirement_unit
-from gustproof.studies.campaign.plan import AnyController, Campaign, flies_in_lanes, parse_campaign, trust
+from gustproof.studies.campaign.plan import Campaign, flies_in_lanes, parse_campaign, trust
 from gustproof.types import Array
 from gustproof.version import software_versions
 
@@ -153,10 +151,8 @@ def _fly_alone(campaign: Campaign, controller: Controller, case: Case) -> Flight
 
 def _fly_external(scenario: Scenario, autopilot: ExternalAutopilot, case: Case) -> CaseResult:
     """Return the result of a case; an instance that died or hung is replaced once, as the machine may be to blame."""
-    plan = ExternalPlan(case.apply_to(scenario), autopilot, case.vehicle, case.seed, real_time=False)
     for is_last in (False, True):
-        with TemporaryDirectory() as folder:
-            flight = fly_external(plan, Path(folder))
+        flight = fly_controller(case.apply_to(scenario), autopilot, vehicle=case.vehicle, seed=case.seed)
         if flight.outcome is FlightOutcome.DONE and flight.metrics is not None:
             return CaseResult(metrics=flight.metrics, requirements=flight.requirements)
         if is_last or flight.outcome not in _LOST:

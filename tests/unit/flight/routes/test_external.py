@@ -14,19 +14,13 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from gustproof.errors import FlightError
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.recording.bag import read_bag, read_estimate_topics
 from gustproof.flight.routes import external
-from gustproof.flight.routes.external import (
-    ExternalAutopilot,
-    ExternalPlan,
-    check_external,
-    describe_rate,
-    fly_external,
-    parse_external_plan,
-)
-from gustproof.flight.routes.flight import Flight
+from gustproof.flight.routes.external import check_external, describe_rate, fly_external
+from gustproof.flight.routes.flight import Flight, FlightPlan, parse_plan
 from gustproof.flight.routes.outcome import FlightOutcome
-from gustproof.flight.routes.recorder import fly_external_and_record, recover
+from gustproof.flight.routes.recorder import fly_and_record, recover
 from gustproof.flight.scoring.estimator_view import compare_estimates
 from gustproof.law.form import load_law
 from gustproof.show.report.html.page import render_page
@@ -36,12 +30,12 @@ from gustproof.studies.campaign.comparison import compare
 PEER = Path(__file__).parents[2] / "firmware_model" / "external" / "px4_build"
 SCENARIO = replace(load_scenario("paper-turbulence"), duration_s=2.0)
 AUTOPILOT = ExternalAutopilot(kind="px4", build=str(PEER), parameters="tuned")
-PLAN = ExternalPlan(SCENARIO, AUTOPILOT, load_vehicle("paper"), 3, real_time=False)
+PLAN = FlightPlan(SCENARIO, AUTOPILOT, load_vehicle("paper"), 3, real_time=False)
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return fly_external_and_record(PLAN, tmp_path_factory.mktemp("flight"), tlog=True)
+    return fly_and_record(PLAN, tmp_path_factory.mktemp("flight"), tlog=True)
 
 
 def test_flight_leaves_its_bag_with_plan_and_facts(flight: Flight) -> None:
@@ -55,7 +49,7 @@ def test_flight_leaves_its_bag_with_plan_and_facts(flight: Flight) -> None:
     assert about["law"] is None
     assert about["autopilot"]["flown"]["version"] == "1.16.0 (cdef01)"
     assert about["autopilot"]["flown"]["parameters"]["MC_ROLLRATE_P"] == "0.2"
-    assert parse_external_plan(about, flight.bag) == PLAN
+    assert parse_plan(about, flight.bag) == PLAN
     kept = flight.bag.with_suffix(".autopilot") / "px4-rc.params"
     assert "param set CA_ROTOR0_PX 0.22" in kept.read_text().splitlines()
     assert flight.bag.with_suffix(".tlog").exists()
@@ -95,7 +89,7 @@ def test_comparison_puts_law_and_autopilot_side_by_side() -> None:
 def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PEER_FAULT", "no lockstep")
     bags: list[bool] = []
-    flight = fly_external_and_record(PLAN, tmp_path, on_flown=lambda: bags.append(any(tmp_path.glob("**/*.mcap"))))
+    flight = fly_and_record(PLAN, tmp_path, on_flown=lambda: bags.append(any(tmp_path.glob("**/*.mcap"))))
     assert bags == [False]
     assert flight.outcome is FlightOutcome.WRONG_BUILD
     assert "without lockstep" in flight.message
@@ -108,7 +102,7 @@ def test_flight_that_did_not_begin_can_be_read(tmp_path: Path, monkeypatch: pyte
 
 def test_comparison_that_is_interrupted_ends_as_such(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted = replace(flight, outcome=FlightOutcome.INTERRUPTED)
-    monkeypatch.setattr("gustproof.studies.campaign.comparison.fly_external", lambda *_, **__: interrupted)
+    monkeypatch.setattr("gustproof.flight.routes.controllers.fly_external", lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         compare([SCENARIO], PLAN.vehicle, {AUTOPILOT.name: AUTOPILOT}, [1])
 
@@ -174,7 +168,7 @@ def test_a_simulator_that_records_nothing_more_is_ended_and_its_flight_has_hung(
 
 
 def test_build_that_is_not_there_is_bad_input(tmp_path: Path) -> None:
-    plan = PLAN._replace(autopilot=replace(AUTOPILOT, build=str(tmp_path)))
+    plan = PLAN._replace(controller=replace(AUTOPILOT, build=str(tmp_path)))
     with pytest.raises(ConfigError, match="no PX4 built for simulation"):
         fly_external(plan, tmp_path / "out")
 

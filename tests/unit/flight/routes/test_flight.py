@@ -184,7 +184,7 @@ def test_check_refuses_a_body_that_can_not_be_before_and_after_a_payload():
 @pytest.mark.parametrize(("missed", "event", "warned"), [(3, (), True), (0, (), False), (3, HOLD, False)])
 def test_samples_that_never_came_are_warned_of_unless_the_script_is_of_such(records, missed, event, warned):
     flown = Flight(
-        scenario=replace(SHORT, event=event), law=PLAN.controller, vehicle=PLAN.vehicle, seed=7,
+        scenario=replace(SHORT, event=event), controller=PLAN.controller, vehicle=PLAN.vehicle, seed=7,
         outcome=FlightOutcome.DONE, message="", records=records, timing={"missed_samples": missed},
     )  # fmt: skip
     assert any("3 samples never came to law 'hinf-d1'" in line for line in flown.to_dict()["warnings"]) is warned
@@ -286,7 +286,7 @@ def test_a_flight_in_blocks_has_the_figures_of_one_block(monkeypatch, script, si
         monkeypatch.setattr(record_blocks, "__defaults__", (block,))
         flight = Flight(
             scenario=scenario,
-            law=PLAN.controller,
+            controller=PLAN.controller,
             vehicle=weak,
             seed=7,
             records=flown,
@@ -354,7 +354,7 @@ def test_upsets_of_a_flight_are_among_its_warnings(records):
     turned["q_NB"][250] = 0.0, 1.0, 0.0, 0.0
     for law in (PLAN.controller, None):
         flight = Flight(
-            scenario=SHORT, law=law, vehicle=PLAN.vehicle, seed=7, records=turned,
+            scenario=SHORT, controller=law, vehicle=PLAN.vehicle, seed=7, records=turned,
             outcome=FlightOutcome.DONE, message="",
         )  # fmt: skip
         assert flight.warnings[-1] == "tilted past 90 deg at 1.0 s"

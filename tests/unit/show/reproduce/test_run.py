@@ -35,7 +35,7 @@ def direct(lost: str = ""):
         progress(1.0)
         return Flight(
             scenario=scenario,
-            law=law,
+            controller=law,
             vehicle=vehicle,
             seed=seed,
             records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),

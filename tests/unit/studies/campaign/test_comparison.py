@@ -8,7 +8,7 @@ import pytest
 from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.errors import FlightError
-from gustproof.flight.routes.external import ExternalAutopilot
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.phases import PhaseFigures
 from gustproof.studies.campaign import comparison
@@ -21,7 +21,7 @@ def test_external_autopilots_are_compared_without_waiting_for_a_clock(monkeypatc
         plans.append(plan)
         raise FlightError("enough")
 
-    monkeypatch.setattr(comparison, "fly_external", fly)
+    monkeypatch.setattr("gustproof.flight.routes.controllers.fly_external", fly)
     autopilot = ExternalAutopilot(kind="px4")
     with pytest.raises(FlightError, match="enough"):
         comparison._fly(load_scenario("calm"), load_vehicle("paper"), autopilot, 3)

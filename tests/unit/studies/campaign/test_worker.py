@@ -9,11 +9,11 @@ from firmware_model.config.link_faults import LinkDelay
 from firmware_model.config.uncertainty import VehicleSet
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.controllers.user_controller import parse_controller
 from gustproof.flight.routes.batch import Case
 from gustproof.flight.routes.controllers import fly_controller
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.external import ExternalAutopilot
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
@@ -139,15 +139,15 @@ def test_a_real_autopilot_that_died_or_hung_is_replaced_once(planned, monkeypatc
     plans, left = [], iter(ends)
     measured = worker._fly_bisecting(worker._make_simulator(planned(), load_law("pid-fair")), [CASE])[0]
 
-    def fly(plan, folder):
-        plans.append(plan)
+    def fly(scenario, autopilot, *, vehicle, seed):
+        plans.append((seed, vehicle.name))
         outcome, done = next(left), measured
         return SimpleNamespace(
             outcome=outcome, metrics=done.metrics, requirements=done.requirements, message="ended by SIGSEGV"
         )
 
-    monkeypatch.setattr(worker, "fly_external", fly)
+    monkeypatch.setattr(worker, "fly_controller", fly)
     simulate = worker._make_simulator(planned(), ExternalAutopilot(kind="ardupilot"))
     assert worker._fly_bisecting(simulate, [CASE]) == [said or measured]
     assert len(plans) == flown_times
-    assert {(plan.seed, plan.vehicle.name) for plan in plans} == {(5, "paper")}
+    assert set(plans) == {(5, "paper")}

@@ -9,7 +9,7 @@ from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.design.loops.models import autopilot_law
 from gustproof.errors import FlightError
-from gustproof.flight.routes.external import ExternalAutopilot
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.studies.rate.judge import scenario_for
 from gustproof.studies.wind_limit.kept import parse_keep
 from gustproof.studies.wind_limit.real_flights import RealFlight, fly_real

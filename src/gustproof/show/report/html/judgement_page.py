@@ -187,7 +187,7 @@ def fly_run(label: str, law: Law, scenario: Scenario, vehicle: Vehicle, seed: in
     """Return a flight for a page, flown now without messages."""
     return ReportRun(
         scenario=scenario,
-        law=law,
+        controller=law,
         vehicle=vehicle,
         seed=seed,
         records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),

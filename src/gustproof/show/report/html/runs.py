@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from firmware_model.errors import ConfigError
+from gustproof.flight.controllers.external_autopilot import parse_autopilot
 from gustproof.flight.recording.bag import read_bag, read_estimate_topics
 from gustproof.flight.recording.folder import find_bags
-from gustproof.flight.routes.external import parse_autopilot
-from gustproof.flight.routes.flight import Flight, by_kind, parse_metadata, parse_nominal
+from gustproof.flight.routes.flight import Flight, parse_metadata, parse_nominal
 from gustproof.flight.routes.outcome import FlightOutcome, describe
 from gustproof.types import Records
 from gustproof.version import software_versions
@@ -54,7 +54,7 @@ def _make_run(label: str, bag: Path, about: dict[str, Any], records: Records) ->
         timing = {name: int(value) for name, value in about["pace"].items()} if "pace" in about else None
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
         raise ConfigError(f"{bag}: does not say what was flown") from None
-    flown: dict[str, Any] = {"scenario": scenario, **by_kind(controller), "vehicle": vehicle, "seed": seed}
+    flown: dict[str, Any] = {"scenario": scenario, "controller": controller, "vehicle": vehicle, "seed": seed}
     flown["nominal"] = parse_nominal(about, bag)
     if controller is None:
         parse_autopilot(about["autopilot"], bag)

@@ -7,6 +7,7 @@ from typing import Any
 
 from firmware_model.types import AXES
 from gustproof.design.derive import margins_to_dict
+from gustproof.flight.controllers.user_controller import UserController
 from gustproof.flight.scoring.requirements import (
     RequirementResult,
     requirement_label,
@@ -108,7 +109,7 @@ def _facts(runs: Sequence[ReportRun]) -> list[tuple[str, list[str]]]:
 
 def _sources(runs: Sequence[ReportRun]) -> Iterator[str]:
     for run in runs:
-        yield run.entry.source if run.entry else ""
+        yield run.controller.source if isinstance(run.controller, UserController) else ""
 
 
 def _describe_law(law: Law | None) -> str:

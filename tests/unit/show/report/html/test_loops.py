@@ -38,9 +38,9 @@ def test_pid_has_no_weights_and_a_law_that_was_changed_no_longer_has(laws, recor
     (run,) = read_runs([recorded("run", law="hinf-d1", n=2)])
     law = load_law("hinf-d1")
     assert collect_laws([run])[0].design is not None
-    assert collect_laws([replace(run, law=replace(law, C=1.001 * law.C))])[0].design is None
+    assert collect_laws([replace(run, controller=replace(law, C=1.001 * law.C))])[0].design is None
     elsewhere = replace(law.provenance, vehicle="nobody's")
-    assert collect_laws([replace(run, law=replace(law, provenance=elsewhere))])[0].design is None
+    assert collect_laws([replace(run, controller=replace(law, provenance=elsewhere))])[0].design is None
 
 
 def test_sensitivities_are_shown_of_every_torque_loop(laws):

@@ -10,8 +10,9 @@ import pytest
 
 from firmware_model.config.requirement import Requirement
 from firmware_model.config.vehicle import load_vehicle
+from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
 from gustproof.flight.recording.bag import write_bag
-from gustproof.flight.routes.external import ExternalAutopilot, ExternalPlan
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.show.report.html import loops
 from gustproof.show.report.html.page import NumberBlock, render_page
 from gustproof.show.report.html.runs import read_runs
@@ -181,8 +182,8 @@ def test_curves_of_a_large_page_are_rounded_to_a_part_in_65000_and_times_are_exa
 
 
 def test_flight_that_ended_before_its_scenario_is_told_beside_another(tmp_path, runs):
-    plan = ExternalPlan(runs[0].scenario, ExternalAutopilot(kind="px4"), runs[0].vehicle, 1, False)
-    autopilot = {**plan.autopilot.to_dict(), "flown": {}, "reason": "roll & pitch swapped"}
+    plan = FlightPlan(runs[0].scenario, ExternalAutopilot(kind="px4"), runs[0].vehicle, 1, False)
+    autopilot = {**plan.controller.to_dict(), "flown": {}, "reason": "roll & pitch swapped"}
     about = {**plan.metadata(), "autopilot": autopilot, "outcome": "wrong_geometry"}
     write_bag(tmp_path / "grounded", runs[0].records[:1], about)
     flights = [*read_runs([tmp_path / "grounded"]), runs[0]]
