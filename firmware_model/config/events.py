@@ -17,13 +17,12 @@ from firmware_model.config.fields import (
     Positive,
     PositiveVector,
     Tagged,
+    Time,
     Vector,
     strict_dataclass,
     tagged_dataclass,
 )
 from firmware_model.config.vehicle import MOST_ROTORS
-
-Time = Annotated[float, Field(ge=0.0, le=86_400.0), NOT_TRUTH]
 
 
 @strict_dataclass

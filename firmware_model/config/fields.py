@@ -20,6 +20,8 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), NOT_TRUTH]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), NOT_TRUTH]
 Finite = Annotated[float, Field(allow_inf_nan=False), NOT_TRUTH]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False), NOT_TRUTH]
+Time = Annotated[float, Field(ge=0.0, le=86_400.0), NOT_TRUTH]
+Duration = Annotated[float, Field(gt=0.0, le=86_400.0), NOT_TRUTH]
 Vector = tuple[Finite, Finite, Finite]
 PositiveVector = tuple[Positive, Positive, Positive]
 _Table = TypeVar("_Table")
@@ -55,7 +57,7 @@ class Tagged:
 class TimeWindow:
     """Time window in which a table acts."""
 
-    start_s: NonNegative = 0.0
+    start_s: Time = 0.0
     """[s] start."""
     stop_s: Positive | None = None
     """[s] end; to the end of the flight by default."""

@@ -9,7 +9,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from firmware_model.config.fields import Finite, NonNegative, Positive, strict_dataclass
+from firmware_model.config.fields import Duration, Finite, Positive, Time, strict_dataclass
 
 Axis = Literal["roll", "pitch", "yaw"]
 
@@ -55,9 +55,9 @@ class Requirement:
     """Metric."""
     axis: Axis | None = None
     """Axis of the metric; all three together by default."""
-    from_s: NonNegative = 0.0
+    from_s: Time = 0.0
     """[s] start of the window."""
-    to_s: Positive | None = None
+    to_s: Duration | None = None
     """[s] end of the window; the end of the flight by default."""
     within_deg: Positive | None = None
     """[deg] half width of the band of settling and recovery."""

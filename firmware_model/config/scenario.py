@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from firmware_model.config import events
-from firmware_model.config.fields import NOT_TRUTH, NonNegative, Vector, strict_dataclass
+from firmware_model.config.fields import NOT_TRUTH, Duration, NonNegative, Vector, strict_dataclass
 from firmware_model.config.files import Name, list_shipped, read_toml, shipped_path
 from firmware_model.config.link_faults import LinkFault
 from firmware_model.config.requirement import Metric, Requirement
@@ -84,7 +84,7 @@ class Scenario:
     """Short name, part of file names; the file's by default."""
     description: str
     """One line that describes the scenario to users."""
-    duration_s: Annotated[float, Field(gt=0.0, le=86_400.0), NOT_TRUTH]
+    duration_s: Duration
     """[s] simulated time from the first commanded sample, up to a day."""
     translation: Literal["held", "free", "position_hold"] = "held"
     """Held on a test stand, as in the paper, free in attitude only; or in free flight. With position_hold the vehicle's

@@ -27,6 +27,9 @@ class Spread:
     def _check_order(self) -> Self:
         if not self.low < self.nominal < self.high:
             raise ValueError(f"needs low < nominal < high, got {self.low}, {self.nominal}, {self.high}")
+        near, far = sorted((self.nominal - self.low, self.high - self.nominal))
+        if near <= 1e-9 * far:
+            raise ValueError(f"low or high is {near:g} from nominal, the other {far:g}: must be nearer to each other")
         return self
 
     def value(self, delta: float) -> float:

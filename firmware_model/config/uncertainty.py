@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_model.config.files import read_document, validate
 from firmware_model.config.spreads import Spread, iter_spreads, substitute_spreads, take_nominal
+from firmware_model.config.units import check_units
 from firmware_model.config.vehicle import VEHICLES, Vehicle, check_body, load_vehicle
 
 _LEAST_LAG = 0.1
@@ -99,7 +100,7 @@ def make_vehicle_set(document: Mapping[str, Any], source: str) -> VehicleSet:
     vehicles = VehicleSet(document=dict(document))
     for name in vehicles.spreads:
         for end in (-1.0, 1.0):
-            vehicles.vehicle_at({name: end})
+            check_units(vehicles.vehicle_at({name: end}), source)
     inertias = [name for name in vehicles.spreads if name.startswith("inertia_B.")]
     low, high = (vehicles.vehicle_at(dict.fromkeys(inertias, end)).inertia_B for end in (-1.0, 1.0))
     check_body(low, high, source)

@@ -64,9 +64,9 @@ def _numbers(vehicle: "Vehicle") -> list[tuple[str, float, float, str]]:
         ("rotors.position_B", max(abs(z) for _, _, z in rotors.position_B), _SPANS * vehicle.span, "m"),
         *((f"gear.{key}", getattr(vehicle.gear, key), _SPANS * vehicle.span, "m") for key in _LENGTHS),
         ("gear.sag", vehicle.gear.sag, vehicle.span, "m"),
-        ("drag_area", vehicle.drag_area, _SPANS * vehicle.span**2, "m^2"),
+        ("drag_area", vehicle.drag_area, _SPANS * vehicle.span * vehicle.span, "m^2"),
         *((f"position.{key}", getattr(vehicle.position, key), _SWIFTEST, "m/s") for key in _SPEEDS),
-        ("inertia_B", max(vehicle.inertia_B), _GYRATION * vehicle.mass * vehicle.span**2, "kg m^2"),
+        ("inertia_B", max(vehicle.inertia_B), _GYRATION * vehicle.mass * vehicle.span * vehicle.span, "kg m^2"),
     ]
     if vehicle.command is None:  # the log of a flight says otherwise what a command gives; its rotors are assumed
         found += [

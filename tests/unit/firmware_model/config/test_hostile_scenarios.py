@@ -210,6 +210,13 @@ def test_a_hostile_file_is_refused_in_one_clear_line(number: int, tmp_path: Path
     assert 3 < len(message) - len(str(path)) < 3000
 
 
+@pytest.mark.parametrize("key", ["from_s", "to_s"])
+def test_a_time_beyond_a_day_is_refused(key: str) -> None:
+    require = {"metric": "peak_deg", "at_most": 1.0, key: 1e308}
+    with pytest.raises(ConfigError, match=rf"require\.0\.{key}: .* 86400"):
+        validate(Scenario, {**sound(), "require": [require]}, "far")
+
+
 def test_what_is_wrong_is_told_in_words_of_toml(tmp_path: Path) -> None:
     path = tmp_path / "odd.toml"
     path.write_text('description = "odd"\nduration_s = 1.0\nwind = 3\ngyro = 4\nlink = [5]\n')

@@ -61,6 +61,8 @@ def test_an_unknown_name_is_told_with_those_there_are():
             r"mine\.toml: inertia_B: no rigid body has 0\.31",
         ),
         ("high = 0.3 }", "high = 0.4 }", r"mine\.toml: inertia_B: no rigid body has 0\.4 about x"),
+        ("low = 0.035", "low = -1e308", r"actuator_lag: low or high is 0\.015 from nominal, the other 1e\+308"),
+        ("high = 0.065", "high = 65", r"mine\.toml: actuator_lag: 65 is beyond .* s, of any multirotor: see its unit"),
         ("low = 0.16", "low = 0.01", r"mine\.toml: inertia_B: no rigid body has 0\.01 about y"),
     ],
 )

@@ -88,6 +88,7 @@ def test_true_is_no_spin():
     ("key", "given", "other"),
     [
         ("span", "span = 0.71 ", "span = 710.0 "),
+        ("span", "span = 0.71 ", "span = 1e308 "),
         ("torque_limit.0", "torque_limit = [1.5, 0.9, 0.35]", "torque_limit = [1500.0, 900.0, 350.0]"),
         ("torque_limit.2", "torque_limit = [1.5, 0.9, 0.35]", "torque_limit = [1.5, 0.9, 350.0]"),
         ("stabilizer.rate_limit", "rate_limit = 3.8", "rate_limit = 220.0"),
