@@ -41,8 +41,6 @@ class SampleTurns(NamedTuple):
     """Mode for the records."""
     sample: int
     """Number of the first sample."""
-    sample_us: int
-    """[us] sample time."""
     loop: LoopArrays
     """The vehicle."""
     line: LockstepLine
@@ -54,7 +52,7 @@ class SampleTurns(NamedTuple):
 def load_exchange(loop: VehicleLoop) -> None:
     """Load or compile the machine code."""
     line = make_line(torque_template(1).buffer(), imu_template(1).buffer(), ("127.0.0.1", 0))
-    fly_samples(NO_SOCKET, SampleTurns(0, TORQUE, 0, 0, 1, loop.arrays(), line, np.empty((MOST_TURNS, 1))))
+    fly_samples(NO_SOCKET, SampleTurns(0, TORQUE, 0, 0, loop.arrays(), line, np.empty((MOST_TURNS, 1))))
 
 
 @compiled
@@ -71,19 +69,17 @@ def fly_sample(socket: int, samples: SampleTurns, turn: int) -> bool:
 
     The record is that of `VehicleLoop.advance`, and the frame that of `firmware_model.mavlink.messages`.
     """
-    loop, line, sample_us, sample = samples.loop, samples.line, samples.sample_us, samples.sample + turn
+    loop, line, sample_us, sample = samples.loop, samples.line, samples.loop.sim.sample_us, samples.sample + turn
     late, time_us, values = loop.stamps_us.size, sample * sample_us, line.given.values
     if not (take_frame(socket, line) and _read_setpoint(samples.kind, line.taken, time_us, loop, sample % late)):
         return False
     acting = (sample + 1) % late
-    step.advance(loop.params, loop.state, loop.mix, sample, sample_us, loop.setpoints[acting], loop.record)
+    step.advance(loop.sim, sample, loop.setpoints[acting], loop.record)
     loop.record[_AGE] = (time_us - loop.stamps_us[acting]) // sample_us
     loop.record[_MODE] = samples.mode
     for i in range(loop.record.size):
         samples.records[turn, i] = loop.record[i]
-    step.observe(
-        loop.params, loop.state, loop.waves, loop.replay, loop.changes, loop.mix, sample + 1, sample_us, loop.record
-    )
+    step.observe(loop.sim, sample + 1, loop.record)
     for i in range(3):
         values[i], values[3 + i] = loop.record[FORCE_B + i], loop.record[GYRO_B + i]
     give_frame(socket, line, turn, time_us + sample_us)

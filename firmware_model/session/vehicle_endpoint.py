@@ -265,9 +265,8 @@ class VehicleEndpoint:
         line, channel = self._line[1], commander.channel
         line.begin(channel.next_from((self.system, messages.CONTROLLER)), channel.packer.seq)
         kind, mode = TORQUE if torque else RATES, self.autopilot.mode.value
-        return SampleTurns(
-            min(turns, self._most_turns), kind, mode, loop.sample, self._sample_us, loop.arrays(), line, self._records
-        )
+        most = min(turns, self._most_turns)
+        return SampleTurns(most, kind, mode, loop.sample, loop.arrays(), line, self._records)
 
     def end_exchange(self, begun: SampleTurns, now_us: int) -> None:
         """Go on after the samples that were flown."""

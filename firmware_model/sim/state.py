@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_model.autopilot.attitude_loop import StabilizerState, stabilizer_params
 from firmware_model.autopilot.position_loop import initial_position_state, position_params
 from firmware_model.config.scenario import NoiseRotation, Scenario
-from firmware_model.config.vehicle import GRAVITY, NoiseModel, PositionLoop, Stabilizer, Vehicle
+from firmware_model.config.vehicle import GRAVITY, NoiseModel, Vehicle
 from firmware_model.config.waveforms import RandomGusts, VonKarman
 from firmware_model.exact import sin_cos
 from firmware_model.numerics.compiled import compiled
@@ -45,12 +45,9 @@ from firmware_model.sim.layout import (
     ACTUATORS,
     BODY,
     GROUND,
-    GUST_SCALE,
     GYRO,
     LOSS,
-    POSITION,
     ROTORS,
-    STABILIZER,
     X_BODY,
     X_DRYDEN,
     X_STABILIZER,
@@ -63,51 +60,23 @@ _HEALTH = ROTORS + field_offset(RotorParams, "health")
 _X_ATTITUDE = X_BODY + field_offset(Body, "q_NB")
 
 
-class VehicleInitial(NamedTuple):
-    """Per-vehicle part of the simulation state. Wind and moment profiles belong to the scenario."""
+class SimState(NamedTuple):
+    """Arrays of a flight for the kernels."""
 
     params: Array
     """(n,) constants, each NamedTuple in a row with its own units."""
     state: Array
-    """(n,) body, air and on-board loop, each NamedTuple in a row with its own units."""
-    changes: Array
-    """(n, 3) changes by events: sample, index in the constants, value from then on."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimState:
-    """Arrays of a flight for the kernels, and the facts that they were made of."""
-
-    params: Array
-    """(n,) constants, see `VehicleInitial`."""
-    state: Array
-    """(n,) state, see `VehicleInitial`; stepped by the kernels."""
+    """(n,) body, air and on-board loops, each NamedTuple in a row with its own units; stepped by the kernels."""
     waves: Array
     """(n, WAVE) gusts and direct moments by formula, see `disturbances`; units there."""
     replay: Array
     """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m], see `disturbances`."""
     changes: Array
-    """(n, 3) changes by events, see `VehicleInitial`."""
+    """(n, 3) changes by events: sample, index in the constants, value from then on."""
     mix: Array
     """(n, 3) seeds of gusts and sensors, and their factors [-], see `mixed_normals`."""
-    vehicle: Vehicle
-    """Vehicle of the constants."""
-    gust_scale: float
-    """[-] gust scale of the scenario."""
-    dt: float
-    """[s] sample time."""
-
-    def set_gust_scale(self, scale: float) -> None:
-        """Scale all gusts from now on by `scale` [-], on top of the scenario's scale; the mean wind stays."""
-        self.params[GUST_SCALE] = self.gust_scale * scale
-
-    def set_stabilizer(self, gains: Stabilizer) -> None:
-        """Change the gains of the attitude and rate loops."""
-        self.params[STABILIZER:POSITION] = stabilizer_params(self.vehicle, gains, self.dt)
-
-    def set_position_loop(self, gains: PositionLoop) -> None:
-        """Change gains and limits of the height and position loops."""
-        self.params[POSITION:LOSS] = position_params(self.vehicle, gains, self.dt)
+    sample_us: int
+    """[us] sample time."""
 
 
 class _Turbulence(NamedTuple):
@@ -126,32 +95,17 @@ def initial_state(vehicle: Vehicle, scenario: Scenario, seed: int, *, interactiv
     ValueError
         If the seed is not in [0, 2^32).
     """
-    params, state, changes = initial_vehicle_state(vehicle, scenario, seed, interactive=interactive)
+    common = common_start(vehicle, scenario, interactive=interactive)
+    mix = np.array(noise_rows(seed, scenario.turn))
     return SimState(
-        params=params,
-        state=state,
+        params=common.params,
+        state=common.draw(mix),
         waves=make_waves(scenario),
         replay=make_replay(scenario),
-        changes=changes,
-        mix=noise_mix(seed, scenario.turn),
-        vehicle=vehicle,
-        gust_scale=scenario.gust_scale,
-        dt=scenario.dt,
+        changes=common.changes,
+        mix=mix,
+        sample_us=scenario.sample_us,
     )
-
-
-def initial_vehicle_state(
-    vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False
-) -> VehicleInitial:
-    """Return the per-vehicle part of `initial_state`.
-
-    Raises
-    ------
-    ValueError
-        If the seed is not in [0, 2^32).
-    """
-    common = common_start(vehicle, scenario, interactive=interactive)
-    return common.initial._replace(state=common.draw(noise_mix(seed, scenario.turn)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,8 +115,12 @@ class CommonStart:
     To make it takes ten times as long as to draw a state with it.
     """
 
-    initial: VehicleInitial
-    """In the scenario's attitude, in still air."""
+    params: Array
+    """(n,) constants, see `SimState`."""
+    still: Array
+    """(n,) state in the scenario's attitude, in still air, see `SimState`."""
+    changes: Array
+    """(n, 3) changes by events, see `SimState`."""
     factor: Array
     """(n, n) of the covariance of the turbulence's states, see `dryden_filters`, `karman_filters`; (0, 0) in calm."""
     karman: KarmanParams
@@ -173,7 +131,7 @@ class CommonStart:
 
         The attitude is the scenario's by default. See `mixed_normals`.
         """
-        state = self.initial.state.copy()
+        state = self.still.copy()
         if attitude_deg is not None:
             q_NB = _attitude(attitude_deg)
             state[_X_ATTITUDE : _X_ATTITUDE + 4] = q_NB
@@ -200,9 +158,9 @@ def common_start(
     thrust = 0.0 if interactive else vehicle.mass * GRAVITY
     body = Body((0.0, 0.0, -height), still, q_NB, still, still, thrust)
     scale = scenario.gust_scale if gust_scale is None else gust_scale
-    initial = VehicleInitial(
+    return CommonStart(
         params=_pack_params(vehicle, scenario, gusts, scale),
-        state=np.array(
+        still=np.array(
             [
                 *flatten((body, DrydenState(*[0.0] * 8), estimate)),
                 *initial_position_state(),
@@ -212,23 +170,19 @@ def common_start(
             ]
         ),
         changes=_list_changes(vehicle, scenario),
+        factor=gusts.factor,
+        karman=gusts.karman,
     )
-    return CommonStart(initial=initial, factor=gusts.factor, karman=gusts.karman)
 
 
-def noise_mix(seed: int, turns: Sequence[NoiseRotation]) -> Array:
-    """Return the rows (n, 3) for `mixed_normals` of a seed and the turns of its noise.
+def noise_rows(seed: int, turns: Sequence[NoiseRotation]) -> list[Vector]:
+    """Return the rows for `mixed_normals` of a seed and the turns of its noise.
 
     Raises
     ------
     ValueError
         If the seed is not in [0, 2^32).
     """
-    return np.array(noise_rows(seed, turns))
-
-
-def noise_rows(seed: int, turns: Sequence[NoiseRotation]) -> list[Vector]:
-    """Return the rows of `noise_mix`, and raise what it raises."""
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed is {seed}, must be in [0, 2^32)")
     rows = [(float(seed), 0.0, 1.0)]

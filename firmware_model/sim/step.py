@@ -54,7 +54,7 @@ from firmware_model.recording import journal
 from firmware_model.sim import layout
 from firmware_model.sim.inner_loop import CLAMPED, OFF, WRENCH, get_command, limit_command, seek_place, track_setpoint
 from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DIRECT, X_DRYDEN, X_LOAD, X_NEXT_CHANGE, X_SAG, X_STABILIZER
-from firmware_model.sim.state import Array
+from firmware_model.sim.state import Array, SimState
 from firmware_model.types import Quaternion, Vector
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -86,27 +86,14 @@ WORK_ROWS = _IS_NEAR + 1
 
 
 @kernel
-def observe_kernel(
-    params: Array,
-    state: Array,
-    waves: Array,
-    replay: Array,
-    changes: Array,
-    mix: Array,
-    sample: int,
-    sample_us: int,
-    record: Array,
-) -> None:
-    """Write to `record` the true state at a sample, the inputs from then on, and the measurements; once a sample.
-
-    `mix` (n, 3) is that of `mixed_normals`.
-    """
-    one, x = single(params), single(state)
-    apply_changes(params, x, changes, sample)
-    time_us = sample * sample_us
-    scripted, free = disturbance(waves, replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
-    gyro_noise = mixed_normals(mix, GYRO_STREAM, sample, 0)
-    force_noise = mixed_normals(mix, ACCELEROMETER_STREAM, sample, 0)
+def observe_kernel(sim: SimState, sample: int, record: Array) -> None:
+    """Write to `record` the true state at a sample, the inputs from then on, and the measurements; once a sample."""
+    one, x = single(sim.params), single(sim.state)
+    apply_changes(sim.params, x, sim.changes, sample)
+    time_us = sample * sim.sample_us
+    scripted, free = disturbance(sim.waves, sim.replay, sample, time_us * 1e-6), get(one, layout.FREE) != 0.0
+    gyro_noise = mixed_normals(sim.mix, GYRO_STREAM, sample, 0)
+    force_noise = mixed_normals(sim.mix, ACCELEROMETER_STREAM, sample, 0)
     if get(one, layout.BATTERY) != 0.0:
         drain_battery(one, x)
     measure(one, x, free, True, True, scripted, gyro_noise, time_us, single(record))
@@ -117,13 +104,11 @@ def observe_kernel(
 
 
 @kernel
-def advance_kernel(
-    params: Array, state: Array, mix: Array, sample: int, sample_us: int, setpoint: Array, record: Array
-) -> None:
+def advance_kernel(sim: SimState, sample: int, setpoint: Array, record: Array) -> None:
     """Step from a sample to the next under `setpoint`, and write the actuator command to `record`."""
-    one, x, row = single(params), single(state), single(record)
+    one, x, row = single(sim.params), single(sim.state), single(record)
     kind, free, steps = setpoint[0], get(one, layout.FREE) != 0.0, int(get(one, layout.STEPS))
-    dt = sample_us * 1e-6 / steps
+    dt = sim.sample_us * 1e-6 / steps
     track_setpoint(one, x, free, kind, single(setpoint), row)
     if free and kind != WRENCH:
         limit_command(one, int(get(one, layout.ROTOR_COUNT)), row)
@@ -139,7 +124,7 @@ def advance_kernel(
         estimate = attitude_loop.set_attitude(_load_stabilizer_state(x, X_STABILIZER), body.q_NB)
         _store_stabilizer_state(x, X_STABILIZER, estimate)
     _store_body(x, X_BODY, body)
-    a, b = mixed_normals(mix, GUST_STREAM, sample, 0), mixed_normals(mix, GUST_STREAM, sample, 1)
+    a, b = mixed_normals(sim.mix, GUST_STREAM, sample, 0), mixed_normals(sim.mix, GUST_STREAM, sample, 1)
     if get(one, layout.VON_KARMAN) != 0.0:
         step_von_karman(one, x, a, b)
     else:

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.autopilot.attitude_loop import stabilizer_params
 from firmware_model.autopilot.modes import Mode
+from firmware_model.autopilot.position_loop import position_params
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import GRAVITY, PositionLoop, Stabilizer, Vehicle
 from firmware_model.numerics.compiled import compiled, find_cache
@@ -18,8 +20,20 @@ from firmware_model.physics.battery import BatteryState
 from firmware_model.physics.rigid_body import Body
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, record_type
 from firmware_model.sim import inner_loop, step
-from firmware_model.sim.layout import X_BATTERY, X_BODY, X_DRYDEN, X_LOAD, X_POSITION, X_STABILIZER, X_TILT_DEG
-from firmware_model.sim.state import initial_state
+from firmware_model.sim.layout import (
+    GUST_SCALE,
+    LOSS,
+    POSITION,
+    STABILIZER,
+    X_BATTERY,
+    X_BODY,
+    X_DRYDEN,
+    X_LOAD,
+    X_POSITION,
+    X_STABILIZER,
+    X_TILT_DEG,
+)
+from firmware_model.sim.state import SimState, initial_state
 from firmware_model.types import (
     AttitudeTarget,
     BatteryReading,
@@ -68,20 +82,10 @@ def _advance_unobserved(loop: "VehicleLoop") -> None:
 
 
 class LoopArrays(NamedTuple):
-    """Arrays of a vehicle at a sample, see `firmware_model.sim.state.SimState`."""
+    """Arrays of a vehicle at a sample."""
 
-    params: Array
-    """(n,) constants, units there."""
-    state: Array
-    """(n,) state, units there; stepped by the kernels."""
-    waves: Array
-    """(n, WAVE) gusts and direct moments by formula, units there."""
-    replay: Array
-    """(samples or 0, 3 * TARGETS) replayed gusts [m/s] and direct moments [N*m]."""
-    changes: Array
-    """(n, 3) changes by events, units there."""
-    mix: Array
-    """(n, 3) seeds of gusts and sensors, and their factors [-]."""
+    sim: SimState
+    """Simulation."""
     setpoints: Array
     """(delay + 1, SETPOINT_WIDTH) latest set-points, see `firmware_model.sim.inner_loop`, units there."""
     stamps_us: Array
@@ -98,7 +102,8 @@ class VehicleLoop:
     """
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, *, interactive: bool = False) -> None:
-        self._state = initial_state(vehicle, scenario, seed, interactive=interactive)
+        self._sim = initial_state(vehicle, scenario, seed, interactive=interactive)
+        self._vehicle, self._gust_scale, self._dt = vehicle, scenario.gust_scale, scenario.dt
         self._holds_place = scenario.holds_place
         self._free, self._interactive, self._clamped = scenario.free, interactive, interactive
         self._thrust_max, self.rotor_count = vehicle.rotors.total_thrust, vehicle.rotors.count
@@ -134,7 +139,7 @@ class VehicleLoop:
         """Return roll and pitch [deg] that hold the place, if it is held."""
         if not self._holds_place:
             return None
-        roll, pitch = self._state.state[X_TILT_DEG : X_TILT_DEG + 2].tolist()
+        roll, pitch = self._sim.state[X_TILT_DEG : X_TILT_DEG + 2].tolist()
         return roll, pitch
 
     def advance(self, setpoint: Setpoint, mode: int) -> Array:
@@ -156,8 +161,8 @@ class VehicleLoop:
         else:
             rows[:], stamps[:] = row, math.nan
             self._clamped = row is _OFF
-        x, acting = self._state, (self.sample + 1) % late
-        step.advance(x.params, x.state, x.mix, self.sample, self._sample_us, rows[acting], self._record)
+        acting = (self.sample + 1) % late
+        step.advance(self._sim, self.sample, rows[acting], self._record)
         self._record[_AGE] = (self.time_us - stamps[acting]) // self._sample_us
         self._record[_MODE] = mode
         self.sample += 1
@@ -168,10 +173,7 @@ class VehicleLoop:
     def arrays(self) -> LoopArrays:
         """Return the arrays of a measured sample, for kernels that fly on from it; `continue_after` follows."""
         self._measure()
-        x = self._state
-        return LoopArrays(
-            x.params, x.state, x.waves, x.replay, x.changes, x.mix, self._rows, self._stamps_us, self._record
-        )
+        return LoopArrays(self._sim, self._rows, self._stamps_us, self._record)
 
     def continue_after(self, samples: int) -> None:
         """Go on after a number of samples that kernels have flown on commands of a controller."""
@@ -188,14 +190,14 @@ class VehicleLoop:
     @property
     def estimate_q_NB(self) -> Quaternion:
         """On-board strapdown attitude at the sample."""
-        w, x, y, z = step.estimate_q_NB(self._state.state).tolist()
+        w, x, y, z = step.estimate_q_NB(self._sim.state).tolist()
         return w, x, y, z
 
     @property
     def on_ground(self) -> bool:
         """True if the ground carries a tenth of the weight at the sample, or the vehicle is clamped on the stand."""
         self._measure()
-        return bool(self._state.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
+        return bool(self._sim.state[X_LOAD] >= self._on_ground_load) if self._free else self._clamped
 
     @property
     def battery(self) -> BatteryReading | None:
@@ -203,7 +205,7 @@ class VehicleLoop:
         if self._battery is None:
             return None
         self._measure()
-        used, current, voltage, _ = BatteryState(*self._state.state[X_BATTERY:].tolist())
+        used, current, voltage, _ = BatteryState(*self._sim.state[X_BATTERY:].tolist())
         used_ah = used / 3600.0
         return BatteryReading(self._battery.cells, voltage, current, used_ah, 1.0 - used_ah / self._battery.capacity_ah)
 
@@ -225,25 +227,25 @@ class VehicleLoop:
 
     def continue_from(self, earlier: "VehicleLoop") -> None:
         """Take over the body and the on-board estimate of a flight before this one; air and time are one's own."""
-        self._state.state[X_BODY:X_DRYDEN] = earlier._state.state[X_BODY:X_DRYDEN]
-        self._state.state[X_STABILIZER:X_POSITION] = earlier._state.state[X_STABILIZER:X_POSITION]
+        self._sim.state[X_BODY:X_DRYDEN] = earlier._sim.state[X_BODY:X_DRYDEN]
+        self._sim.state[X_STABILIZER:X_POSITION] = earlier._sim.state[X_STABILIZER:X_POSITION]
 
     def settle_rotors(self, rotors: Sequence[float], omega_B: Vector) -> None:
         """Give the vehicle rotors that have settled at thrusts, as fractions of the largest, and rates [rad/s] B."""
-        body = self._state.state[X_BODY:X_DRYDEN]
+        body = self._sim.state[X_BODY:X_DRYDEN]
         body[field_offset(Body, "omega_B") :] = (*omega_B, *self._add_rotors(rotors))
 
     def set_gust_scale(self, scale: float) -> None:
         """Scale all gusts from the next sample on by `scale` [-], on top of the scenario's; the mean wind stays."""
-        self._state.set_gust_scale(scale)
+        self._sim.params[GUST_SCALE] = self._gust_scale * scale
 
     def set_stabilizer(self, gains: Stabilizer) -> None:
         """Change the gains of the on-board attitude and rate loops."""
-        self._state.set_stabilizer(gains)
+        self._sim.params[STABILIZER:POSITION] = stabilizer_params(self._vehicle, gains, self._dt)
 
     def set_position_loop(self, gains: PositionLoop) -> None:
         """Change gains and limits of the on-board height and position loops."""
-        self._state.set_position_loop(gains)
+        self._sim.params[POSITION:LOSS] = position_params(self._vehicle, gains, self._dt)
 
     def record(self) -> Array:
         """Return the journal record (numbers,) of the sample: truth, inputs and measurements; valid until `advance`."""
@@ -257,10 +259,8 @@ class VehicleLoop:
 
     def _measure(self) -> None:
         if not self._measured:
-            x, self._measured = self._state, True
-            step.observe(
-                x.params, x.state, x.waves, x.replay, x.changes, x.mix, self.sample, self._sample_us, self._record
-            )
+            self._measured = True
+            step.observe(self._sim, self.sample, self._record)
 
     def _pack_rotors(self, command: RotorCommand) -> Array:
         row = np.zeros(inner_loop.SETPOINT_WIDTH)

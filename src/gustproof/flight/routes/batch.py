@@ -179,8 +179,8 @@ def _fly_batch(
     ]
     mix, torque = np.moveaxis(mixes, 0, 2), law.output is Output.TORQUE
     batch = Batch(
-        params=_stack_lanes([each.start.initial.params for each in common]), state=_stack_lanes(states),
-        changes=_merge_changes([each.start.initial.changes for each in common]),
+        params=_stack_lanes([each.start.params for each in common]), state=_stack_lanes(states),
+        changes=_merge_changes([each.start.changes for each in common]),
         seeds=np.ascontiguousarray(mix[:, 0], dtype=np.int64), mix=np.ascontiguousarray(mix[:, 1:]),
         scale=_stack_lanes([each.limit for each in common]) if torque else np.ones(3 * LANES),
         thrust=np.array([np.nan if torque else each.hover for each in common]),

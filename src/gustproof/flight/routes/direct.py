@@ -16,7 +16,7 @@ from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records,
 from firmware_model.session.link import BEGINS_TO_HOLD, IN_TRIM, LinkSchedule, answered_at_once
 from firmware_model.sim import inner_loop
 from firmware_model.sim.layout import HOLDS_PLACE, X_STABILIZER, X_TILT_DEG
-from firmware_model.sim.state import Array, initial_state
+from firmware_model.sim.state import Array, SimState, initial_state
 from firmware_model.sim.step import advance, advance_kernel, observe, observe_kernel
 from gustproof.flight.controllers.library import Library, call_step
 from gustproof.flight.controllers.stepper import CheckedStepper, StepError
@@ -32,20 +32,8 @@ _MESSAGES = "must be flown with messages"
 class _DirectFlight(NamedTuple):
     """Everything that the loop of a flight reads and writes."""
 
-    params: Array
-    """(n,) constants, see `sim.layout`, units there."""
-    state: Array
-    """(n,) state, see `sim.layout`, units there."""
-    waves: Array
-    """(n, WAVE) see `physics.disturbances`, units there."""
-    replay: Array
-    """(samples or 0, 3 * TARGETS) see `physics.disturbances`, units there."""
-    changes: Array
-    """(n, 3) scripted changes: sample, offset among the constants, value."""
-    mix: Array
-    """(n, 3) seeds of gusts and noise, and their factors [-], see `mixed_normals`."""
-    sample_us: int
-    """[us] sample time."""
+    sim: SimState
+    """Simulation."""
     law: SparseLaw
     """Terms of the law, unused by a controller in C."""
     step: int
@@ -156,23 +144,22 @@ def fly_stepper(
     """
     _check_rate(scenario, stepper)
     flight = _make_flight(scenario, vehicle, seed, stepper)
-    params, state, ring, sample_us = flight.params, flight.state, flight.ring, flight.sample_us
-    late, k = len(ring), 0
+    sim, ring, late, k = flight.sim, flight.ring, len(flight.ring), 0
     try:
         with stepper.limit_time():
             stepper.reset()
             for k, record in enumerate(flight.records):
-                observe(params, state, flight.waves, flight.replay, flight.changes, flight.mix, k, sample_us, record)
+                observe(sim, k, record)
                 if flight.schedule.taken[k]:
                     # Copies: the controller may keep or change what it gets.
                     gyro, force = record[GYRO_B : GYRO_B + 3].copy(), record[FORCE_B : FORCE_B + 3].copy()
                     reference = flight.reference[k].copy()
                     if scenario.holds_place:
-                        reference[:2] = RADIANS * state[X_TILT_DEG : X_TILT_DEG + 2]
+                        reference[:2] = RADIANS * sim.state[X_TILT_DEG : X_TILT_DEG + 2]
                     flight.command[:] = stepper.step(gyro, reference, force, scenario.dt)
                     _pack_command(flight, k)
                 _choose_setpoint(flight, k)
-                advance(params, state, flight.mix, k, sample_us, ring[(k + 1) % late], record)
+                advance(sim, k, ring[(k + 1) % late], record)
     except StepError as failure:
         return as_records(flight.records[:k]), failure
     return as_records(flight.records), None
@@ -193,7 +180,7 @@ def _make_flight(
     ring = np.zeros((delay + 1, inner_loop.SETPOINT_WIDTH))
     ring[:, inner_loop.THRUST] = np.nan
     return _DirectFlight(
-        sim.params, sim.state, sim.waves, sim.replay, sim.changes, sim.mix, scenario.sample_us, terms, 0,
+        sim, terms, 0,
         reference=references(scenario), scale=np.array(published_limit(vehicle)) if torque else np.ones(3),
         thrust=np.nan if torque else published_hover(vehicle),
         kind=inner_loop.TORQUE if torque else inner_loop.RATES, bound=1.0 if torque else np.inf,
@@ -274,7 +261,7 @@ def _choose_setpoint(flight: _DirectFlight, sample: int) -> None:
     if acting == BEGINS_TO_HOLD:
         held[0], held[inner_loop.THRUST] = inner_loop.ATTITUDE, flight.thrust
         for i in range(4):
-            held[1 + i] = flight.state[X_STABILIZER + i]
+            held[1 + i] = flight.sim.state[X_STABILIZER + i]
     for i in range(chosen.size):
         chosen[i] = flight.commands[acting % flight.commands.shape[0], i] if acting >= 0 else held[i]
     if acting == IN_TRIM:
@@ -284,20 +271,19 @@ def _choose_setpoint(flight: _DirectFlight, sample: int) -> None:
 @compiled
 def _fly(flight: _DirectFlight) -> int:
     """Fly, and return the count of samples: fewer than all if a controller in C commands no finite number."""
-    params, state, records, ring, z = flight.params, flight.state, flight.records, flight.ring, flight.z
-    command, mix, sample_us = flight.command, flight.mix, flight.sample_us
+    sim, records, ring, z, command = flight.sim, flight.records, flight.ring, flight.z, flight.command
     n, late = flight.work.size, ring.shape[0]
     for k in range(records.shape[0]):
         record = records[k]
-        observe_kernel(params, state, flight.waves, flight.replay, flight.changes, mix, k, sample_us, record)
+        observe_kernel(sim, k, record)
         if flight.schedule.taken[k]:
             for i in range(3):
                 z[n + i] = record[GYRO_B + i]
                 z[n + 3 + i] = flight.reference[k, i]
                 z[n + FORCE + i] = record[FORCE_B + i]
-            if params[HOLDS_PLACE] != 0.0:
+            if sim.params[HOLDS_PLACE] != 0.0:
                 for i in range(2):
-                    z[n + 3 + i] = RADIANS * state[X_TILT_DEG + i]
+                    z[n + 3 + i] = RADIANS * sim.state[X_TILT_DEG + i]
             if flight.step != 0:
                 call_step(flight.step, z, z[n:], command)
                 if not (math.isfinite(command[0]) and math.isfinite(command[1]) and math.isfinite(command[2])):
@@ -306,5 +292,5 @@ def _fly(flight: _DirectFlight) -> int:
                 law_kernel(flight.law, z, command, flight.work)
             _pack_command(flight, k)
         _choose_setpoint(flight, k)
-        advance_kernel(params, state, mix, k, sample_us, ring[(k + 1) % late], record)
+        advance_kernel(sim, k, ring[(k + 1) % late], record)
     return int(records.shape[0])

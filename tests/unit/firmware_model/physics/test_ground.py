@@ -42,7 +42,7 @@ def fly(loop: VehicleLoop, setpoint: Setpoint, seconds: float) -> np.ndarray:
 def dropped(vehicle, height: float, *, attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)) -> VehicleLoop:
     """A vehicle without thrust whose feet, were it level, are at `height` [m]."""
     loop = VehicleLoop(vehicle, CALM, 1)
-    state = loop._state.state
+    state = loop._sim.state
     state[X_BODY : X_BODY + 6] = (0.0, 0.0, -vehicle.gear.height - height, *velocity)
     state[X_BODY + 6 : X_BODY + 10] = from_euler(*attitude)
     state[X_BODY + 16] = 0.0

@@ -22,6 +22,7 @@ from firmware_model.process.tlog import Tlog
 from firmware_model.session.exchange import _read_setpoint, fly_samples, load_exchange, read_command
 from firmware_model.session.vehicle_endpoint import VehicleEndpoint
 from firmware_model.sim.inner_loop import RATES, SETPOINT_WIDTH, TORQUE
+from firmware_model.sim.state import SimState
 from firmware_model.sim.vehicle_loop import LoopArrays
 from firmware_model.types import AttitudeTarget, Command, TorqueCommand
 
@@ -254,7 +255,7 @@ def test_the_log_has_each_frame_with_the_stamp_that_it_would_have_had(sockets, t
 
 def one_loop() -> LoopArrays:
     nothing = np.zeros((1, 1))
-    return LoopArrays(*[nothing] * 6, np.zeros((1, SETPOINT_WIDTH)), np.zeros(1), nothing)
+    return LoopArrays(SimState(*[nothing] * 6, sample_us=4000), np.zeros((1, SETPOINT_WIDTH)), np.zeros(1), nothing)
 
 
 def read_at_once(command: Command, *, time_us: int = 4000) -> Command | None:

@@ -288,7 +288,7 @@ def test_the_ground_has_a_vehicle_from_a_tenth_of_its_weight_on() -> None:
     loop.observe()
     tenth = 0.1 * VEHICLE.mass * GRAVITY
     for load, on_ground in ((tenth, True), (math.nextafter(tenth, 0.0), False)):
-        loop._state.state[X_LOAD] = load
+        loop._sim.state[X_LOAD] = load
         assert loop.on_ground is on_ground
 
 
