@@ -63,6 +63,15 @@ def linear_law(law: Law, inputs: int = 3) -> Lti:
     return Lti(A=law.A + law.G @ rates, B=law.B[:, :inputs], C=law.C, D=law.D[:, :inputs], dt=law.dt)
 
 
+def reference_loop(law: Law, plant: Lti) -> Lti:
+    """Return the closed loop from reference (3,) to attitude (3,) [rad] over the sampled `plant` (attitude, gyro)."""
+    # inputs (reference, u), outputs (attitude; gyro, reference)
+    zero = np.zeros((plant.order, 3))
+    D = np.vstack([np.hstack([np.zeros((6, 3)), plant.D]), np.eye(3, 6)])
+    P = Lti(A=plant.A, B=np.hstack([zero, plant.B]), C=np.vstack([plant.C, zero.T]), D=D, dt=plant.dt)
+    return lft(P, linear_law(law, inputs=6))
+
+
 def loop_law(law: Law) -> Lti:
     """Return the law within its limits, linear at hover, from the measurements that close its loop to the command.
 

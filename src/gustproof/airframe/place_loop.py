@@ -7,10 +7,10 @@ import numpy as np
 
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import PositionLoop, Vehicle
-from gustproof.airframe.hover import linear_law
+from gustproof.airframe.hover import reference_loop
 from gustproof.airframe.lpv import linear_plant
 from gustproof.law.form import Law, Output
-from gustproof.robust.lti.state_space import Lti, delay, discretize_zoh, lft, sensitivity, series
+from gustproof.robust.lti.state_space import Lti, delay, discretize_zoh, sensitivity, series
 
 GOOD_PEAK = 2.0
 """[-] largest sensitivity that slower gains are chosen for."""
@@ -60,11 +60,7 @@ def _tracking(law: Law, vehicle: Vehicle, scenario: Scenario) -> Lti:
     sampled = discretize_zoh(plant.subsystem(slice(None), slice(0, 3)), law.dt)
     for _ in range(scenario.delay_samples):
         sampled = series(delay(3, law.dt), sampled)
-    # inputs (reference, u), outputs (attitude; gyro, reference)
-    zero = np.zeros((sampled.order, 3))
-    D = np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)])
-    P = Lti(A=sampled.A, B=np.hstack([zero, sampled.B]), C=np.vstack([sampled.C, zero.T]), D=D, dt=sampled.dt)
-    return lft(P, linear_law(law, inputs=6))
+    return reference_loop(law, sampled)
 
 
 def _outer_loop(gains: PositionLoop, dt: float) -> Lti:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_model.config.vehicle import Vehicle
-from gustproof.airframe.hover import linear_law
+from gustproof.airframe.hover import reference_loop
 from gustproof.airframe.lpv import linear_plant, rate_loop
 from gustproof.law.form import Law
-from gustproof.robust.lti.state_space import Lti, Matrix, delay, discretize_zoh, lft, series
+from gustproof.robust.lti.state_space import Matrix, delay, discretize_zoh, series
 
 _DURATION_S = 15.0
 
@@ -66,11 +66,7 @@ def step_response(law: Law, vehicle: Vehicle, *, tau: float | None = None) -> St
     plant = linear_plant(vehicle) if tau is None else rate_loop(vehicle, leak=0.0, tau=tau)
     commanded = plant.subsystem(slice(None), slice(0, 3))
     sampled = series(delay(3, law.dt), discretize_zoh(commanded, law.dt))
-    # inputs (reference, u), outputs (attitude; gyro, reference)
-    zero = np.zeros((sampled.order, 3))
-    D = np.vstack([np.hstack([np.zeros((6, 3)), sampled.D]), np.eye(3, 6)])
-    P = Lti(A=sampled.A, B=np.hstack([zero, sampled.B]), C=np.vstack([sampled.C, zero.T]), D=D, dt=sampled.dt)
-    closed = lft(P, linear_law(law, inputs=6))
+    closed = reference_loop(law, sampled)
     samples = round(_DURATION_S / law.dt)
     attitude = np.empty((samples, 3))
     for axis in range(3):

@@ -200,7 +200,7 @@ def is_rate_unlimited(system: LoopSystem, case: EstimateCase, box: Box) -> bool:
     states = [box[j % 3][X0 + j // 3] for j in range(len(system.A))]
     for i, limit in enumerate(system.rate_limit.limits):
         S, T = system.rate_limit.S[i], system.rate_limit.T[i]
-        if _weigh(S, states) + _weigh(T, gyro) > limit * COMMAND_SHARE:
+        if weigh(S, states) + weigh(T, gyro) > limit * COMMAND_SHARE:
             return False
     return True
 
@@ -259,10 +259,10 @@ def _rounding(
     rates = e[axis] + sum((box[k][X1] for k in range(3)), Fraction(0))
     own = range(axis, len(system.A), 3)
     law_states = row[X0 : X0 + len(own)]
-    command = abs(system.D[axis][axis]) * gyro + _weigh([system.C[axis][k] for k in own], law_states)
+    command = abs(system.D[axis][axis]) * gyro + weigh([system.C[axis][k] for k in own], law_states)
     sizes = [Fraction(0), Fraction(0), command]
     for i in own:
-        states = _weigh([system.A[i][k] for k in own], law_states)
+        states = weigh([system.A[i][k] for k in own], law_states)
         sizes.append(states + abs(system.B[i][axis]) * gyro + 2 * abs(system.G[i][axis]) * rates)
     held = Fraction(0)
     if system.rate_loop is not None:
@@ -273,7 +273,8 @@ def _rounding(
     return [_DOUBLE * size for size in sizes], held
 
 
-def _weigh(coefficients: Sequence[Fraction], bounds: Sequence[Fraction]) -> Fraction:
+def weigh(coefficients: Sequence[Fraction], bounds: Sequence[Fraction]) -> Fraction:
+    """Return the largest sum of numbers within `bounds` with these coefficients, of any sign."""
     return sum((abs(c) * bound for c, bound in zip(coefficients, bounds, strict=True) if c), Fraction(0))
 
 

@@ -50,6 +50,7 @@ from gustproof.checker.estimate_box import (
     is_rate_unlimited,
     is_within_limits,
     trigonometry,
+    weigh,
 )
 from gustproof.checker.kernel_norms import COMMAND, X0, X1, AxisNorms
 from gustproof.checker.system import LoopSystem, Refusal, Row, is_strapdown
@@ -163,7 +164,7 @@ def _is_rate_sum_exact(system: LoopSystem, case: EstimateCase, box: Box, form: F
         return True
     sizes, gyro = _sizes(system, case, box, form)
     for S, T, limit in zip(system.rate_limit.S, system.rate_limit.T, system.rate_limit.limits, strict=True):
-        if (len(sizes) + 10) * _U * (2 * _weigh(S, sizes) + _weigh(T, gyro)) > (1 - COMMAND_SHARE) * limit:
+        if (len(sizes) + 10) * _U * (2 * weigh(S, sizes) + weigh(T, gyro)) > (1 - COMMAND_SHARE) * limit:
             return False
     return True
 
@@ -219,11 +220,11 @@ def _row_error(
     """Return a bound of the rounding of a state's sum, or of a command's for `i` from n on."""
     A, B, G = _row(system, i)
     sizes, gyro = _sizes(system, case, box, form)
-    others = _weigh(A, sizes) + _weigh(B, gyro) + abs(reference[i][2]) * form.heading
+    others = weigh(A, sizes) + weigh(B, gyro) + abs(reference[i][2]) * form.heading
     count = sum(map(bool, [*A, *B, *reference[i]]))
     terms_of_excess = _excess_terms(box) if any(G) else [Fraction(0)] * 3
-    bent = _weigh(G, terms_of_excess)
-    kinematics = _U * _weigh(G, [k * size for k, size in zip(_KINEMATICS, terms_of_excess, strict=True)])
+    bent = weigh(G, terms_of_excess)
+    kinematics = _U * weigh(G, [k * size for k, size in zip(_KINEMATICS, terms_of_excess, strict=True)])
     if i not in form.wide:
         is_copy = count == 1 and not bent and set(map(abs, [*A, *B])) <= {0, 1}
         return _TINY if is_copy else (count + 4) * _U * (others + bent) * _WIDER + kinematics + _TINY
@@ -232,10 +233,6 @@ def _row_error(
     # magnitude of the second float: what sums lose, and the fine parts of the factors
     low = (3 * count + 4) * _U * (others + bent) * _WIDER + _FINE * inexact
     return _U * read + _EXACT * inexact + kinematics + 3 * _U * bent + (4 * count + 8) * _U * low + _TINY
-
-
-def _weigh(factors: Sequence[Fraction], sizes: Sequence[Fraction]) -> Fraction:
-    return sum((abs(factor) * size for factor, size in zip(factors, sizes, strict=True)), Fraction(0))
 
 
 def _row(system: LoopSystem, i: int) -> tuple[list[Fraction], Row, Row]:

@@ -60,6 +60,7 @@ def analyse(
     """
     from firmware_model.config.scenario import load_scenario
     from firmware_model.config.vehicle import load_vehicle
+    from gustproof.law.references import describe_other_rate
     from gustproof.show.report.laws import render_analysis
     from gustproof.show.report.terminal import show
     from gustproof.studies.rate.analyse import analyse as analysed
@@ -69,8 +70,8 @@ def analyse(
     airframe = load_vehicle(vehicle)
     script = on_vehicle(load_scenario(scenario), airframe)
     read = find_law(law, airframe, script.control_rate_hz)
-    if read.dt != script.dt:
-        raise ConfigError(f"law '{read.name}' steps every {read.dt} s, scenario '{script.name}' every {script.dt} s")
+    if line := describe_other_rate(script, read.name, read.dt):
+        raise ConfigError(line)
     try:
         with working(f"analysing {read.name}", quiet=as_json):
             analysis = analysed(read, airframe, script, seed=seed)

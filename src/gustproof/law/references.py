@@ -12,6 +12,13 @@ RADIANS = math.pi / 180.0
 """[rad/deg] of the roll and pitch that a position loop asks for, so on every route."""
 
 
+def describe_other_rate(scenario: Scenario, name: str, dt: float | None) -> str:
+    """Return that the law `name` steps at another rate than a scenario; empty if at the same, or at any (`None`)."""
+    if dt in (None, scenario.dt):
+        return ""
+    return f"law '{name}' steps every {dt} s, scenario '{scenario.name}' every {scenario.dt} s"
+
+
 def describe_untracked(scenario: Scenario, law: Law) -> str:
     """Return why a law can't fly a scenario whose position loop asks for roll and pitch; empty if it can."""
     if not scenario.holds_place or law.takes_references:

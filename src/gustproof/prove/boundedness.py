@@ -12,10 +12,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from firmware_model.config.files import read_text, write_text, write_toml
+from firmware_model.config.files import read_text, write_toml
 from firmware_model.config.vehicle import Vehicle, load_vehicle, vehicle_path
 from gustproof.checker.estimate_box import Box, EstimateCase, is_rate_unlimited, is_within_limits
-from gustproof.checker.evidence import FORMAT, check_certificate, seal
+from gustproof.checker.evidence import check_certificate
 from gustproof.checker.evidence_types import ChanceEvidence, Figures, FlightEvidence
 from gustproof.checker.flight_box import (
     KIND,
@@ -34,7 +34,7 @@ from gustproof.checker.flight_box import (
 from gustproof.checker.kernel_norms import LONGEST
 from gustproof.checker.system import LoopSystem, Refusal, read_system, sha256
 from gustproof.law.form import Law, law_path, load_law
-from gustproof.robust.shown import Shown, shorten_statement
+from gustproof.robust.gain.certificate import Sealed
 
 _ROUNDS = 400
 """Most rounds of growth; a box that has not settled by then counts as open."""
@@ -55,7 +55,7 @@ _FIRST_SAMPLES = 512
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class FlightCertificate(Shown):
+class FlightCertificate(Sealed):
     """A proven box of a flight, or the reason why there is none; all but the evidence is what the check says of it.
 
     Examples
@@ -102,23 +102,9 @@ class FlightCertificate(Shown):
         }
         return name_verdict(figures, self.assumes) if self.proven else "NOT proven"
 
-    @property
-    def claim(self) -> str:
-        """The statement in short figures: bounds are rounded up, what it assumes down."""
-        return shorten_statement(self.statement)
-
     def lines(self) -> list[str]:
         """Return the verdict and the claim, whose bounds are rounded up."""
         return [self.verdict, f"claim: {self.claim}"]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as JSON values: evidence and checksum, no claim."""
-        document = {"format": FORMAT, "evidence": self.evidence}
-        return {**document, "seal": seal(document)}
-
-    def save(self, path: str | Path) -> None:
-        """Write the certificate as JSON, every number to the bit."""
-        write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False) + "\n")
 
 
 def certify_boundedness(

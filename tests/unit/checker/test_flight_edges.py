@@ -972,8 +972,7 @@ SMALL = [[value / 64 for value in row] for row in some_box(10)]
     [
         lambda: estimate_box.check_box(loop(), QUIET, SMALL, SMALL[:2]),
         lambda: estimate_box.check_box(loop(), QUIET, SMALL, [row[:-1] for row in SMALL]),
-        lambda: estimate_box._weigh(ONE, PAIR),
-        lambda: single_precision._weigh(ONE, PAIR),
+        lambda: estimate_box.weigh(ONE, PAIR),
         lambda: single_precision._is_below([ONE], [ONE, ONE]),
         lambda: single_precision._is_below([ONE], [PAIR]),
         lambda: single_precision._is_rate_sum_exact(

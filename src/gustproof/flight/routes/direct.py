@@ -22,7 +22,7 @@ from gustproof.flight.controllers.library import Library, call_step
 from gustproof.flight.controllers.stepper import CheckedStepper, StepError
 from gustproof.flight.recording.flown import FlownRecords
 from gustproof.law.form import Law, Output, find_vehicle
-from gustproof.law.references import RADIANS, describe_untracked, references
+from gustproof.law.references import RADIANS, describe_other_rate, describe_untracked, references
 from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
@@ -239,9 +239,11 @@ def check_compatible(scenario: Scenario, law: Law | Library) -> None:
 
 
 def _check_rate(scenario: Scenario, law: Law | Library | CheckedStepper) -> None:
-    if law.dt not in (None, scenario.dt):
-        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
-    if line := scenario.unread or (describe_untracked(scenario, law) if isinstance(law, Law) else ""):
+    if (
+        line := describe_other_rate(scenario, law.name, law.dt)
+        or scenario.unread
+        or (describe_untracked(scenario, law) if isinstance(law, Law) else "")
+    ):
         raise ValueError(line)
 
 

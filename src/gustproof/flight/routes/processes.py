@@ -37,6 +37,7 @@ from gustproof.flight.routes.programs import controller_command, describe_start,
 from gustproof.flight.scoring.metrics import measure
 from gustproof.flight.scoring.requirements import judge
 from gustproof.law.form import Law, find_vehicle
+from gustproof.law.references import describe_other_rate
 
 WORKING_PREFIX = ".flight-"
 """Prefix of the folder of input files for the processes, inside the flight's; a killed starter leaves it behind."""
@@ -157,11 +158,8 @@ def _remove_unflown(journal: Path, log: Path, rotors: int) -> None:
 
 def _check_rate(scenario: Scenario, controller: Controller) -> None:
     """Check that a law steps at the scenario's rate; the process of a user's controller checks its own."""
-    if isinstance(controller, Law) and controller.dt != scenario.dt:
-        text = (
-            f"law '{controller.name}' steps every {controller.dt} s, scenario '{scenario.name}' every {scenario.dt} s"
-        )
-        raise ConfigError(text)
+    if isinstance(controller, Law) and (line := describe_other_rate(scenario, controller.name, controller.dt)):
+        raise ConfigError(line)
 
 
 def write_inputs(plan: FlightPlan, folder: Path) -> dict[str, Path]:

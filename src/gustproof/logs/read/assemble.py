@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_model.numerics.rotations import wrapped_euler_angles
 from gustproof.logs.read.flight_log import ABSENT, CommandUnit, FlightLog, LogSignal
 from gustproof.logs.read.flown_part import place_notches
 from gustproof.logs.read.stamps import PAUSE_US, find_chain, usual_step
@@ -323,7 +324,4 @@ def stack(columns: Sequence[Array]) -> Array:
 def euler_angles(q_NB: Array) -> Array:
     """Return phi, theta, psi (n, 3) [rad] of attitudes (n, 4) B to N, scalar first; NaN for one that is no rotation."""
     norm = np.linalg.norm(q_NB, axis=1, keepdims=True)
-    w, x, y, z = np.divide(q_NB, norm, out=np.full(q_NB.shape, np.nan), where=norm > 0.5).T
-    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return stack((phi, theta, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+    return wrapped_euler_angles(np.divide(q_NB, norm, out=np.full(q_NB.shape, np.nan), where=norm > 0.5))

@@ -11,8 +11,30 @@ from gustproof.checker.evidence import FORMAT, seal
 from gustproof.robust.shown import Shown, shorten_statement
 
 
+class Sealed(Shown):
+    """A statement with evidence that anyone can check again, and its file."""
+
+    __slots__ = ()
+    statement: str
+    evidence: Any
+
+    @property
+    def claim(self) -> str:
+        """The statement in short figures: bounds are rounded up, what it assumes down."""
+        return shorten_statement(self.statement)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return format, evidence and checksum as JSON values; the check makes the claim from the evidence."""
+        document = {"format": FORMAT, "evidence": self.evidence}
+        return {**document, "seal": seal(document)}
+
+    def save(self, path: str | Path) -> None:
+        """Write the certificate as JSON, every number to the bit."""
+        write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False) + "\n")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Certificate(Shown):
+class Certificate(Sealed):
     """A proved gain of a closed loop, with the evidence for it; boxes of flights are `FlightCertificate`.
 
     `proven` is the verdict of the exact check, never that of a solver.
@@ -44,11 +66,6 @@ class Certificate(Shown):
     """[-] least eigenvalue or slack of the quantities that must be positive, in floating point; `None` without
     evidence."""
 
-    @property
-    def claim(self) -> str:
-        """The statement in short figures: bounds are rounded up, what it assumes down."""
-        return shorten_statement(self.statement)
-
     def lines(self) -> list[str]:
         """Return the verdict and the claim."""
         return ["proven" if self.proven else "NOT proven", f"claim: {self.claim}"]
@@ -57,12 +74,3 @@ class Certificate(Shown):
     def is_whole(self) -> bool:
         """True if the gain is proven: it has no parts."""
         return self.proven
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return format, evidence and checksum as JSON values; the check makes the claim from the evidence."""
-        document = {"format": FORMAT, "evidence": self.evidence}
-        return {**document, "seal": seal(document)}
-
-    def save(self, path: str | Path) -> None:
-        """Write the certificate as JSON, every number to the bit."""
-        write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False) + "\n")

@@ -1,6 +1,6 @@
 """Multipliers that bound an L2 gain over real parameters of any speed, from one linear matrix inequality."""
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -173,11 +173,11 @@ def solve_level(
     if square is not None:
         terms, constant = terms[:-1], constant + square * terms[-1]
     whole = np.zeros((len(svec(constant)), columns))
-    whole[:, : len(terms)] = np.column_stack([svec(term) for term in terms])
+    whole[:, : len(terms)] = svec_columns(terms)
     parts, bounds = [whole], [-constant]
     for column, cone in cones:
         part = np.zeros((len(svec(cone[0])), columns))
-        part[:, column : column + len(cone)] = -np.column_stack([svec(S) for S in cone])
+        part[:, column : column + len(cone)] = -svec_columns(cone)
         parts.append(part)
         bounds.append(np.zeros_like(cone[0]))
     for k, bound in enumerate(bounds):
@@ -245,6 +245,11 @@ def combine_basis(values: Iterator[float], n: int, *, skew: bool) -> Matrix:
 def add_transpose(X: Matrix) -> Matrix:
     """Return X + X'."""
     return np.asarray(X + X.T, dtype=np.float64)
+
+
+def svec_columns(matrices: Iterable[Matrix]) -> Matrix:
+    """Return the `svec` of each matrix as a column."""
+    return np.column_stack([svec(S) for S in matrices])
 
 
 def svec(S: Matrix) -> Matrix:

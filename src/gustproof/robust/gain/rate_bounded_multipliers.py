@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from gustproof.checker.dissipation import Vertex, sign_product, vertices
-from gustproof.robust.gain.multipliers import add_transpose, balance, basis, least_level, minimize, svec
+from gustproof.robust.gain.multipliers import add_transpose, balance, basis, least_level, minimize, svec, svec_columns
 from gustproof.robust.gain.symmetry import Mirror, mirror_group
 from gustproof.robust.lti.state_space import Matrix
 from gustproof.robust.uncertain.uncertain_system import Uncertain
@@ -160,8 +160,8 @@ class _Program:
     def solve(self) -> Matrix:
         """Return the solver's unknowns of the least level."""
         count, size = len(self.leaders), len(self.unit)
-        shared = np.vstack([_columns(self._shared_terms(vertex)) for vertex in self.leaders])
-        own = scipy.linalg.block_diag(*[_columns(self._own_terms())] * count)
+        shared = np.vstack([svec_columns(self._shared_terms(vertex)) for vertex in self.leaders])
+        own = scipy.linalg.block_diag(*[svec_columns(self._own_terms())] * count)
         last = np.concatenate([svec(-self.w.T @ self.w)] * count)
         definite_P, definite_D = self._definiteness_rows()
         top, middle = shared.shape[0], shared.shape[0] + definite_P.shape[0]
@@ -181,11 +181,11 @@ class _Program:
         """Return the rows of -P at its corners, for the shared unknowns, and of -D, for a corner's own; packed."""
         parts = []
         for signs in dict.fromkeys(vertex.signs for vertex in self.leaders):
-            P = _columns(-sign_product(S, signs) * _unit(self.n, i, j) for S, i, j in self.P)
+            P = svec_columns(-sign_product(S, signs) * _unit(self.n, i, j) for S, i, j in self.P)
             parts.append(np.hstack([P, np.zeros((P.shape[0], len(self.Y)))]))
         scalings = []
         for size in self.repeats:
-            D = -_columns(iter(basis(size, skew=False)))
+            D = -svec_columns(basis(size, skew=False))
             scalings.append(np.hstack([D, np.zeros((D.shape[0], size * (size - 1) // 2))]))
         return np.vstack(parts), np.asarray(scipy.linalg.block_diag(*scalings), dtype=np.float64)
 
@@ -218,7 +218,3 @@ def _unit(n: int, i: int, j: int) -> Matrix:
     E = np.zeros((n, n))
     E[i, j] = E[j, i] = 1.0
     return E
-
-
-def _columns(terms: Iterator[Matrix]) -> Matrix:
-    return np.column_stack([svec(term) for term in terms])

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gustproof.robust.lti.state_space import Matrix, gain
+from gustproof.robust.uncertain.reduction import matrix_of_parameters
 from gustproof.robust.uncertain.uncertain_system import Uncertain
 
 Order = NDArray[np.int64]
@@ -120,12 +121,9 @@ def _systems(loop: Uncertain, deltas: Matrix) -> Systems:
 
     Outputs are rotated and weighted: the square of C x + D w is the mean of that of the loop's output in the step.
     """
-    M, w, z = loop.M, loop.n_w, loop.n_z
-    n, m = M.order, loop.n_inputs
-    # states and their derivatives as inputs and outputs: an uncertain matrix has its values at all deltas at once
-    static = np.block(
-        [[M.D[:z, :w], M.C[:z], M.D[:z, w:]], [M.B[:, :w], M.A, M.B[:, w:]], [M.D[z:, :w], M.C[z:], M.D[z:, w:]]]
-    )
+    n, m = loop.M.order, loop.n_inputs
+    # an uncertain matrix has its values at all deltas at once
+    static = matrix_of_parameters(loop.M, loop.n_z, loop.n_w)
     names = [block.name for block in loop.blocks]
     values = Uncertain(M=gain(static), blocks=loop.blocks).matrices(dict(zip(names, deltas.T, strict=True)))
     generators = np.zeros((len(values), n + m, n + m))

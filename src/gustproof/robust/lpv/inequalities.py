@@ -14,7 +14,7 @@ import scipy
 
 from gustproof.errors import DesignError
 from gustproof.robust.gain.multipliers import basis as symmetric_basis
-from gustproof.robust.gain.multipliers import minimize, svec
+from gustproof.robust.gain.multipliers import minimize, svec, svec_columns
 from gustproof.robust.lti.state_space import Matrix, PartedPlant
 
 _STRICTNESS = 1e-7
@@ -199,7 +199,7 @@ class Inequalities:
     def _inequalities(self, spread: float) -> tuple[list[Matrix], list[Matrix]]:
         """Return rows and bounds of every inequality, with its margin."""
         coupled = self._coupling(spread)
-        rows = [_columns(block) for block in self.rows] + [row for row, _ in coupled]
+        rows = [svec_columns(block) for block in self.rows] + [row for row, _ in coupled]
         bounds = [-constant for constant in self.constants] + [bound for _, bound in coupled]
         return rows, [bound - _STRICTNESS * np.eye(len(bound)) for bound in bounds]
 
@@ -230,7 +230,7 @@ class Inequalities:
                 coefficients[at : at + len(stack), block, block] = -value * stack
         bound = np.zeros((2 * n, 2 * n))
         bound[:n, n:] = bound[n:, :n] = spread * np.eye(n)
-        return _columns(coefficients), bound
+        return svec_columns(coefficients), bound
 
     def _split(self, unknowns: Matrix) -> LyapunovMatrices:
         """Return the matrices of a vector of unknowns."""
@@ -275,11 +275,6 @@ def unpack(packed: Matrix) -> Matrix:
     matrix = np.zeros((size, size))
     matrix[columns, rows] = packed / np.where(rows == columns, 1.0, np.sqrt(2.0))
     return np.asarray(matrix + np.triu(matrix, 1).T)
-
-
-def _columns(stack: Matrix) -> Matrix:
-    """Return the `svec` of each matrix of a stack as a column."""
-    return np.column_stack([svec(matrix) for matrix in stack])
 
 
 def first_scales(plants: Sequence[PartedPlant]) -> Matrix:

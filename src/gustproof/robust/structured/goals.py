@@ -191,7 +191,7 @@ def _extract_gain(goal: GainGoal, P: Lti, n_meas: int, n_con: int, dt: float) ->
     m1, p1 = P.n_inputs - n_con, P.n_outputs - n_meas
     w, z, u, y = range(m1), range(p1), range(m1, P.n_inputs), range(p1, P.n_outputs)
     inputs, outputs = _resolve_indices(goal.name, goal.inputs, w), _resolve_indices(goal.name, goal.outputs, z)
-    part = _select_channels(P, [*outputs, *y], [*inputs, *u])
+    part = P.subsystem([*outputs, *y], [*inputs, *u])
     if goal.weight is not None:
         weight = as_lti(goal.weight)
         if weight.dt != dt:
@@ -280,10 +280,6 @@ def _apply_weight(P: Lti, weight: Lti, n_meas: int) -> Lti:
         D=np.block([[weight.D, np.zeros((weight.n_outputs, n_meas))], [np.zeros((n_meas, p1)), np.eye(n_meas)]]),
     )
     return series(P, beside)
-
-
-def _select_channels(P: Lti, outputs: list[int], inputs: list[int]) -> Lti:
-    return Lti(A=P.A, B=P.B[:, inputs], C=P.C[outputs], D=P.D[np.ix_(outputs, inputs)])
 
 
 def _resolve_indices(name: str, indices: Indices, known: range) -> list[int]:

@@ -63,16 +63,21 @@ def reduce_copies(M: Lti, blocks: tuple[DeltaBlock, ...]) -> Lft:
     States stay: what they hide may be unstable.
     """
     n, z, w = M.order, sum(block.shape[1] for block in blocks), sum(block.shape[0] for block in blocks)
-    whole = np.block(
-        [[M.D[:z, :w], M.C[:z], M.D[:z, w:]], [M.B[:, :w], M.A, M.B[:, w:]], [M.D[z:, :w], M.C[z:], M.D[z:, w:]]]
-    )
-    found = reduce(gain(whole), blocks)
+    found = reduce(gain(matrix_of_parameters(M, z, w)), blocks)
     if sum(block.repeats for block in found.blocks) == sum(block.repeats for block in blocks):
         return Lft(M, blocks)
     D, z, w = found.M.D, *(sum(block.shape[axis] for block in found.blocks) for axis in (1, 0))
     into, out = [*range(w), *range(w + n, D.shape[1])], [*range(z), *range(z + n, D.shape[0])]
     A, B, C = D[z : z + n, w : w + n], D[z : z + n, into], D[out, w : w + n]
     return Lft(Lti(A=A, B=B, C=C, D=D[np.ix_(out, into)], dt=M.dt), found.blocks)
+
+
+def matrix_of_parameters(M: Lti, n_z: int, n_w: int) -> Matrix:
+    """Return the matrix of `M` from (w, states, inputs) to (z, derivatives, outputs), with `n_w` and `n_z` of Delta."""
+    z, w = n_z, n_w
+    return np.block(
+        [[M.D[:z, :w], M.C[:z], M.D[:z, w:]], [M.B[:, :w], M.A, M.B[:, w:]], [M.D[z:, :w], M.C[z:], M.D[z:, w:]]]
+    )
 
 
 class _Equations(NamedTuple):

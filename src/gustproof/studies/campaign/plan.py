@@ -32,6 +32,7 @@ from gustproof.flight.controllers.user_controller import (
 )
 from gustproof.flight.routes.batch import Case
 from gustproof.law.form import Law, parse_law
+from gustproof.law.references import describe_other_rate
 from gustproof.robust.shown import Shown
 from gustproof.studies.campaign.sampling import Sampling, draw_deltas, flight_seeds
 from gustproof.types import Array
@@ -100,9 +101,8 @@ class Campaign(Shown):
             if names.count(name) > 1:
                 raise ConfigError(f"law '{name}': given {names.count(name)} times; names must be distinct")
         for law in self.laws:
-            if isinstance(law, Law) and law.dt != self.scenario.dt:
-                every = f"scenario '{self.scenario.name}' every {self.scenario.dt} s"
-                raise ConfigError(f"law '{law.name}' steps every {law.dt} s, {every}")
+            if isinstance(law, Law) and (line := describe_other_rate(self.scenario, law.name, law.dt)):
+                raise ConfigError(line)
 
     def lines(self) -> list[str]:
         """Return what is flown, how often, and what is drawn."""

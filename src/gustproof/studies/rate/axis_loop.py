@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
 from gustproof.law.form import Law, Output
+from gustproof.law.references import describe_other_rate
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
 
 _BITS = 192
@@ -134,8 +135,8 @@ def axis_loop(law: Law, vehicle: Vehicle, scenario: Scenario, axis: int) -> Axis
         If the law couples its axes, uses the accelerometer, commands no torque or has another sample time. Also if it
         has more than 40 states in the axis, or coefficients that span too many orders of magnitude.
     """
-    if law.dt != scenario.dt:
-        raise ValueError(f"law '{law.name}' steps every {law.dt} s, scenario '{scenario.name}' every {scenario.dt} s")
+    if line := describe_other_rate(scenario, law.name, law.dt):
+        raise ValueError(line)
     A, B, C, D = _axis_controller(law, axis)
     n = len(B)
     if n > _MOST_STATES:
