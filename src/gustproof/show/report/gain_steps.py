@@ -11,6 +11,7 @@ from rich.text import Text
 from firmware_model.types import Vector
 from gustproof.show.report.terminal import Renderable
 from gustproof.studies.rate.flight_error import LEAST_HZ
+from gustproof.studies.rate.judge import SAME
 from gustproof.studies.rate.tuning_steps import MOST_GAIN, TuningStep
 from gustproof.types import finite_or_none
 
@@ -24,6 +25,7 @@ def render_steps(steps: Sequence[TuningStep], at: int) -> Renderable:
     """Return the figures of each step, then each parameter now, in the step `at` that is written, and at the end."""
     in_flight = steps[0].flight_rmse is not None
     title = f"Steps, with the error in this flight above {LEAST_HZ:g} Hz" if in_flight else "Steps"
+    title += _price(steps[0], steps[at], at)
     figures = Table("step", "error [deg]", "slew [N m/s]", "Ms", "over spreads", "gain up", "delay [ms]", title=title)
     for number, step in enumerate(steps):
         tuning, margins = step.tuning, step.margins
@@ -57,6 +59,24 @@ def steps_document(steps: Sequence[TuningStep]) -> list[dict[str, Any]]:
         }
         for step in steps
     ]
+
+
+def _price(now: TuningStep, step: TuningStep, at: int) -> str:
+    """Return which figures of the gains that fly the step `at` makes worse, in words; none where those are unstable."""
+    if now.margins is None or step.margins is None:
+        return ""
+    figures = [
+        ("Ms", now.tuning.Ms, step.tuning.Ms, ""),
+        ("slew", now.tuning.slew, step.tuning.slew, ""),
+        ("gain up", -now.margins.gain_margin, -step.margins.gain_margin, ""),
+        ("delay", -1e3 * now.margins.delay_margin, -1e3 * step.margins.delay_margin, " ms"),
+    ]
+    worse = [
+        f"{name} {abs(old):.3g} to {abs(new):.3g}{unit}"
+        for name, old, new, unit in figures
+        if new > old + SAME * abs(old)
+    ]
+    return f"; step {at} costs {', '.join(worse) or 'no margin'}"
 
 
 def _cells(angles: Vector) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_model.config.firmware import guessed_axes
@@ -25,8 +25,12 @@ from gustproof.studies.rate.plant_box import plant_box
 _LOW_PASS = re.compile(r"\w+(_CUTOFF|_FLT[TED]|_GYRO_FILTER)")
 _IN_LOOP = re.compile(r"MC_(YAW)_TQ_CUTOFF|ATC_RAT_(RLL|PIT|YAW)_FLTE")
 """Filters of the first order that the whole torque of an axis passes."""
+_OUTER = re.compile(r"MC_(ROLL|PITCH|YAW)_P|ATC_ANG_[A-Z]+_P|\w+_I")
+"""Gains of angles, and integrals: those that lean on the loops of rates."""
 _OPEN = 0.25
 """[-] of the loops' rate: a low-pass of such a corner is next to one that is off."""
+_SAME_PEAK = 1.005
+"""[-] ratio of two Ms that are the same."""
 MOST_GAIN = 1.5
 """[-] most by which a step multiplies or divides a gain or a corner."""
 
@@ -52,8 +56,10 @@ def plan_steps(
 
     Steps are even in the logarithm of each gain and corner, and a gain that is 0 grows linearly. None multiplies one by
     more than `MOST_GAIN`, or the slew by more than about `MOST_SLEW`. A low-pass that is to be off opens as slowly, and
-    is off at the end. The notches of the tuning are as there from step 1 on. Where the first that may be flown is a
-    later one, step 1 lowers gains as far as that, or one behind it. If that may be flown, the others follow from there.
+    is off at the end. Where a step would have a larger Ms than what flies and than the tuning, gains of angles and
+    integrals do not rise in it. The notches of the tuning are as there from step 1 on. Where the first that may be
+    flown is a later one, step 1 lowers gains as far as that, or one behind it. If that may be flown, the others follow
+    from there.
     """
     now = dict(flown.provenance.parameters)
     steps = _go(tuning, _assess(tuning, flown, now, vehicles, scenario), now, vehicles, scenario)
@@ -74,14 +80,33 @@ def _go(
     """Return the step at which the parameters are `now`, and those from there to the tuning."""
     goal = {name: value for name, value in tuning.parameters.items() if name in now}
     moved, ratios = _ways(now, goal, start.tuning.law.dt)
-    slew = tuning.slew / start.tuning.slew if math.isfinite(start.tuning.slew) and start.tuning.slew > 0.0 else 1.0
-    count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(slew))
-    steps = [start]
-    for number in range(1, count + 1):
-        on_the_way = {name: _between(name, *ends, number / count, tuning) for name, ends in moved.items()}
-        values = {**goal, **{name: value for name, value in on_the_way.items() if number < count or goal[name]}}
-        steps.append(_try(tuning, now, values, start.tuning.law.dt, vehicles, scenario))
-    return steps
+    count = max(1, *(math.ceil(math.log(each, MOST_GAIN) - 1e-9) for each in ratios), _slew_steps(start, tuning))
+    outer = {name for name, (old, new) in moved.items() if new > old and _OUTER.fullmatch(name)}
+    most = max(start.tuning.Ms, tuning.Ms) if math.isfinite(start.tuning.Ms) else math.inf
+
+    def step_at(gone: Mapping[str, int]) -> TuningStep:
+        """Return the step at which each parameter has gone some of the shares of its way."""
+        ways = {name: _between(name, *ends, gone[name] / count, tuning) for name, ends in moved.items()}
+        values = {**goal, **{name: value for name, value in ways.items() if gone[name] < count or goal[name]}}
+        return _try(tuning, now, values, start.tuning.law.dt, vehicles, scenario)
+
+    return [start, *_walk(step_at, dict.fromkeys(goal, 0), count, outer, _SAME_PEAK * most)]
+
+
+def _walk(
+    step_at: Callable[[Mapping[str, int]], TuningStep], gone: dict[str, int], count: int, outer: set[str], most: float
+) -> Iterator[TuningStep]:
+    """Yield steps until each parameter has gone `count` shares; those of `outer` wait where Ms is above `most`."""
+    while min(gone.values()) < count:
+        ahead = {name: min(count, share + 1) for name, share in gone.items()}
+        step = step_at(ahead)
+        if step.tuning.Ms > most and any(gone[name] < count for name in gone.keys() - outer):
+            waiting = {name: gone[name] if name in outer else share for name, share in ahead.items()}
+            careful = step_at(waiting)
+            if careful.tuning.Ms < step.tuning.Ms:
+                step, ahead = careful, waiting
+        yield step
+        gone = ahead
 
 
 def _try(
@@ -193,9 +218,10 @@ def _ways(
     moved, ratios = {name: each for name, each in ends.items() if max(each) > 0.0}, list[float]()
     for name, each in moved.items():
         is_filter = _LOW_PASS.fullmatch(name) is not None
-        old, new = each if is_filter else (_whole_gain(now, name), _whole_gain(goal, name))
-        if min(old, new) > 0.0 and not name.endswith("_K"):
-            ratios.append(max(new / old, old / new))
+        whole = _whole_gain(now, name), _whole_gain(goal, name)
+        for old, new in [each] if is_filter else [each, whole]:
+            if min(old, new) > 0.0:
+                ratios.append(max(new / old, old / new))
     return moved, ratios
 
 
@@ -211,7 +237,9 @@ def _whole_gain(values: Mapping[str, float], name: str) -> float:
     return values[name] * values.get(f"{name[:-1]}K", 1.0)
 
 
-def _slew_steps(ratio: float) -> int:
+def _slew_steps(start: TuningStep, tuning: AutopilotTuning) -> int:
+    old = start.tuning.slew
+    ratio = tuning.slew / old if math.isfinite(old) and old > 0.0 else 1.0
     return math.ceil(math.log(ratio, MOST_SLEW) - 1e-9) if ratio > 1.0 else 1
 
 

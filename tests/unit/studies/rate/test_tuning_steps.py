@@ -2,10 +2,14 @@
 
 import itertools
 import math
+from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from firmware_model.config.parameter_files import GROUND_STATION_FORMS, write_parameters
@@ -19,6 +23,8 @@ from gustproof.design.autopilot_gains import save_tuning, tune_gains
 from gustproof.design.loops.models import autopilot_law
 from gustproof.errors import DesignError
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
+from gustproof.robust.lti.margins import LoopMargins
+from gustproof.show.report.gain_steps import render_steps
 from gustproof.studies.rate import tuning_steps
 from gustproof.studies.rate.judge import MOST_SLEW
 from gustproof.studies.rate.tuning_steps import (
@@ -117,6 +123,44 @@ def test_gains_that_are_unstable_now_are_told_so(tmp_path: Path, monkeypatch: py
     told = " ".join(result.output.split())
     assert "px4: the gains that flew are unstable by the model" in told
     assert f"new.params: step 1 of {1 + len(others)}" in "".join(result.output.splitlines())
+
+
+def test_gains_of_angles_wait_where_a_step_would_have_a_larger_peak_than_both_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def made(values: dict[str, float]) -> Any:
+        angle, rate = math.log(values["MC_ROLL_P"], 4.0), math.log(values["MC_ROLLRATE_P"] / 0.1, 4.0)
+        peak = 1.3 + 0.1 * angle + angle * (1.0 - rate)
+        return SimpleNamespace(kind="px4", parameters=values, Ms=peak, slew=1.0, law=SimpleNamespace(dt=0.004))
+
+    monkeypatch.setattr(
+        tuning_steps, "_try", lambda _tuning, _now, values, *_: TuningStep(tuning=made(values), margins=None)
+    )
+    old = {"MC_ROLL_P": 1.0, "MC_ROLLRATE_P": 0.1}
+    goal = made({"MC_ROLL_P": 4.0, "MC_ROLLRATE_P": 0.4})
+    steps = _go(goal, TuningStep(tuning=made(old), margins=None), old, IRIS, AIR)
+    assert max(step.tuning.Ms for step in steps) <= 1.4 + 1e-9  # 1.6 on the even way
+    assert [step.tuning.parameters["MC_ROLL_P"] for step in steps[:3]] == [1.0, 1.0, 1.0]
+    assert steps[-1].tuning.parameters == goal.parameters
+    assert len(steps) == 7
+
+
+def test_the_title_names_what_the_written_step_costs() -> None:
+    def made(peak: float, slew: float, gain: float, delay: float) -> TuningStep:
+        sizes = {"crossover": 1.0, "phase_margin": 1.0, "gain_margin": gain, "gain_reduction_margin": 0.0}
+        margins = LoopMargins(**sizes, delay_margin=delay, Ms=peak)
+        figures = SimpleNamespace(parameters={}, notches={}, rmse=0.1, slew=slew, Ms=peak, corner_Ms=peak)
+        return TuningStep(tuning=figures, margins=margins)  # type: ignore[arg-type]
+
+    def title(steps: list[TuningStep]) -> str:
+        console = Console(width=200, file=StringIO(), record=True)
+        console.print(render_steps(steps, 1))
+        return " ".join(console.export_text().split("┏")[0].split())
+
+    now, dearer = made(1.31, 0.4, 4.5, 0.03), made(1.66, 0.4, 2.8, 0.04)
+    assert title([now, dearer]) == "Steps; step 1 costs Ms 1.31 to 1.66, gain up 4.5 to 2.8"
+    assert title([now, made(1.31, 0.5, 4.5, 0.02)]) == "Steps; step 1 costs slew 0.4 to 0.5, delay 30 to 20 ms"
+    assert title([dearer, made(1.3, 0.4, 4.5, 0.05)]) == "Steps; step 1 costs no margin"
 
 
 def test_no_step_is_written_on_a_model_that_the_flight_refutes(monkeypatch: pytest.MonkeyPatch) -> None:
