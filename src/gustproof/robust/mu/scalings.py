@@ -348,7 +348,8 @@ def _centre(y: Matrix, weight: float, offsets: list[ComplexMatrix], barriers: li
         for root, barrier in zip(map(np.linalg.inv, roots), barriers, strict=True):
             scaled = np.asarray(root @ barrier @ root.conj().T).reshape(y.size, -1)
             gradient -= scaled[:, :: root.shape[0] + 1].real.sum(axis=1)
-            hessian += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
+            parts = scaled.view(np.float64)  # real and imaginary ones in turn
+            hessian += parts @ parts.T
         # a scaling without effect on a real response has neither curvature nor gradient
         diagonal = np.sqrt(np.maximum(hessian.diagonal(), 1e-30 * np.max(hessian)))
         normed = hessian / np.outer(diagonal, diagonal) + 1e-12 * np.eye(y.size)
