@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gustproof.robust.lti.balancing import balance_states, separating_units
+from gustproof.robust.lti.bilinear import bilinear_transform
 from gustproof.robust.lti.norms import hinf_norm
 from gustproof.robust.lti.state_space import (
     ComplexMatrix,
@@ -24,8 +25,8 @@ from gustproof.robust.lti.state_space import (
 )
 from gustproof.robust.shown import Shown
 
-_POINTS = 2000
-"""Number of frequencies, evenly spaced in the logarithm, between which crossings are bracketed and then refined."""
+_POINTS = 400
+"""Number of frequencies, evenly spaced in the logarithm, that bracket crossings beside those that eigenvalues tell."""
 
 _LARGEST_DISK = 2.0
 """[-] the disk of this margin holds every positive gain; a larger one holds infinite gains, which no loop keeps."""
@@ -266,13 +267,38 @@ def _real_ends(L: Lti) -> list[float]:
 
 
 def _grid(L: Lti) -> Matrix:
-    """Return frequencies [rad/s] over the range of the loop's poles, open and closed, and two decades beyond."""
+    """Return frequencies [rad/s] over the range of the loop's poles and two decades beyond, one between each crossing.
+
+    A resonance or a notch may cross unit gain, or the real axis, twice within any even step.
+    """
     if L.dt:
-        return np.geomspace(1e-6 / L.dt, math.pi / L.dt, _POINTS)
-    speeds = np.abs(np.concatenate([L.poles(), sensitivity(L).poles()]))
-    speeds = speeds[speeds > _STANDING * np.max(speeds, initial=0.0)]
-    first, last = (float(np.min(speeds)), float(np.max(speeds))) if speeds.size else (1.0, 1.0)
-    return np.geomspace(0.01 * first, 100.0 * last, _POINTS)
+        first, last = 1e-6 / L.dt, math.pi / L.dt
+    else:
+        speeds = np.abs(np.concatenate([L.poles(), sensitivity(L).poles()]))
+        speeds = speeds[speeds > _STANDING * np.max(speeds, initial=0.0)]
+        first, last = (0.01 * np.min(speeds), 100.0 * np.max(speeds)) if speeds.size else (0.01, 100.0)
+    crossings = _crossings(L)
+    between = np.sqrt(crossings[:-1] * crossings[1:])
+    return np.union1d(np.geomspace(first, last, _POINTS), between[(between > first) & (between < last)])
+
+
+def _crossings(L: Lti) -> Matrix:
+    """Return frequencies [rad/s], ascending, with all at which a scalar loop has unit gain, or is real, among them.
+
+    These are the zeros on the axis of `1 - L(-s) L(s)` and of `L(s) - L(-s)`, with two states for each of the loop's.
+    A sampled loop has those of its bilinear image.
+    """
+    try:
+        image = balance_states(bilinear_transform(L) if L.dt else L)
+    except np.linalg.LinAlgError:  # a pole at half the rate: the even steps must do
+        return np.zeros(0)
+    A, B, C, D, none = image.A, image.B, image.C, image.D, np.zeros_like(image.A)
+    unit = np.block([[A, none, B], [-C.T @ C, -A.T, -C.T @ D], [-D @ C, -B.T, 1.0 - D @ D]])
+    real = np.block([[A, none, B], [none, -A, B], [C, C, 0.0 * D]])
+    mass = np.diag([1.0] * (2 * L.order) + [0.0])
+    omega = np.concatenate([scipy.linalg.eigvals(pencil, mass).imag for pencil in (unit, real)])
+    omega = np.unique(omega[np.isfinite(omega) & (omega > 0.0)])
+    return 2.0 / L.dt * np.arctan(0.5 * L.dt * omega) if L.dt else omega
 
 
 def _roots(grid: Matrix, values: Matrix, function: Callable[[float], float]) -> list[float]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 
 from gustproof.robust.lti.margins import disk_margin, loop_margins, margins
 from gustproof.robust.lti.state_space import Lti, discretize_zoh, gain, sensitivity, series
@@ -125,3 +126,28 @@ def test_systems_and_margins_show_themselves_in_a_few_lines():
     chain = discretize_zoh(Lti(A=-np.diag(np.arange(1.0, 9.0)), B=np.eye(8), C=np.eye(8), D=np.zeros((8, 8))), 0.1)
     assert str(chain).splitlines()[1] == "poles: stable, 0.9048, 0.8187, 0.7408, 0.6703, 0.6065, 0.5488 and 2 more"
     assert "<th>poles</th>" in chain._repr_html_()
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.004])
+@pytest.mark.parametrize(("feedthrough", "zeta"), [(0.0, 1e-2), (0.0, 1e-5), (1.0, 1e-4), (-0.5, 1e-6)])
+def test_a_resonance_narrower_than_any_step_counts(feedthrough: float, zeta: float, dt: float) -> None:
+    """Beside a lag, a mode of peak gain 2 crosses unit gain twice in a few of its half widths."""
+    omega, lag = 37.3, Lti(A=[[-1.0]], B=[[1.0]], C=[[0.4]], D=[[feedthrough]])
+    mode = Lti(A=[[0.0, omega], [-omega, -2.0 * zeta * omega]], B=[[0.0], [omega]], C=[[4.0 * zeta, 0.0]], D=[[0.0]])
+    L = Lti(
+        A=scipy.linalg.block_diag(lag.A, mode.A),
+        B=np.vstack([lag.B, mode.B]),
+        C=np.hstack([lag.C, mode.C]),
+        D=lag.D,
+    )
+    L = discretize_zoh(L, dt) if dt else L
+    near = omega * (1.0 + zeta * np.linspace(-100.0, 100.0, 40_001))
+    values = L.response(near)[:, 0, 0]
+    at = np.flatnonzero(np.diff(np.signbit(np.abs(values) - 1.0)))
+    found = loop_margins(L)
+    assert len(at) >= 1
+    assert found.phase_margin <= np.min(np.abs(np.angle(-values[at]))) + 1e-3
+    assert found.delay_margin <= np.min((np.angle(-values[at]) % (2.0 * math.pi)) / near[at]) * 1.001
+    real = np.flatnonzero(np.diff(np.signbit(values.imag)))
+    factors = [-1.0 / value for value in values[real].real if value < 0.0]
+    assert found.gain_margin <= min((each for each in factors if each > 1.0), default=math.inf) * 1.001
