@@ -86,12 +86,28 @@ def _spectra(
         time = np.arange(begin, end, dt)
         if len(time) < size:
             continue
-        wanted = _sample(reference, time)
-        for found, signal in zip(pieces, (_sample(attitude, time) - wanted, wanted), strict=True):
+        wanted, flown = _sample(reference, time), _sample(attitude, time)
+        for found, signal in zip(pieces, (flown - _turn(wanted, flown), wanted), strict=True):
             for piece in sliding_window_view(signal, size, axis=0)[:: size // 2]:
                 level = piece.T - np.mean(piece, axis=1)  # whole turns between the two go with the mean
                 found.append(scale * np.fft.rfft(window * level, axis=0))
     return (np.asarray(pieces[0]), np.asarray(pieces[1])) if pieces[0] else None
+
+
+def _turn(wanted: Array, flown: Array) -> Array:
+    """Return angles [rad] (n, 3) whose thrust points as wanted, roll and pitch being those at the heading as flown.
+
+    An autopilot turns the thrust first. While the heading is off, other angles of roll and pitch do so, and no error.
+    A heading that is off by the same angle throughout is in another frame, and turns nothing.
+    """
+    roll, pitch, _ = wanted.T
+    off = wanted[:, 2] - flown[:, 2]
+    off -= off.mean()
+    right, ahead = -np.sin(roll), np.cos(roll) * np.sin(pitch)
+    across = np.sin(off) * ahead + np.cos(off) * right
+    along = np.cos(off) * ahead - np.sin(off) * right
+    turned = np.arcsin(-across), np.arctan2(along, np.cos(roll) * np.cos(pitch))
+    return np.column_stack([*turned, wanted[:, 2]])
 
 
 def _sample(signal: LogSignal, time: Array) -> Array:

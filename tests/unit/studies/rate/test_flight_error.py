@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from firmware_model.config.scenario import Scenario, load_scenario
 from firmware_model.config.vehicle import load_vehicle
@@ -78,13 +79,27 @@ def test_a_set_point_whose_rate_is_fed_forward_makes_the_error_of_a_disturbance(
     time, omega = np.arange(0.0, 60.0, 0.02), 2.0 * np.pi * np.array([9, 21, 47, 95]) / 60.0
     P = np.diagonal(hover_plant(IRIS, script).response(omega), axis1=1, axis2=2)
     tones = np.exp(1j * (np.outer(time, omega) + omega**2))
-    of_flown, of_other = (0.1 * np.real(tones @ -_responses(law, P, omega)[0]) for law in (flown, other))
-    wanted = 0.1 * np.real(tones @ np.ones((4, 3)))
+    of_flown, of_other = (0.01 * np.real(tones @ -_responses(law, P, omega)[0]) for law in (flown, other))
+    wanted = 0.01 * np.real(tones @ np.ones((4, 3)))
     signals = {"attitude": wanted + of_flown, "reference": wanted}
     log = replace(log, **{name: LogSignal(time=time, values=values) for name, values in signals.items()})
     (there,) = flight_errors(log, flown, [other], IRIS, script)
     np.testing.assert_allclose(there, np.std(of_other, axis=0), rtol=0.03)
     assert not np.allclose(there, np.std(of_flown, axis=0), rtol=0.1)
+
+
+def test_a_heading_that_is_off_makes_no_error_of_a_thrust_that_points_as_wanted() -> None:
+    law, time = px4(), np.arange(0.0, 30.0, 0.02)
+    wanted = 0.2 * np.column_stack([np.sin(time), np.cos(2.0 * time), np.sin(0.5 * time)])
+    off = 0.1 * np.sin(3.0 * time)
+    turned = Rotation.from_euler("ZYX", wanted[:, ::-1]) * Rotation.from_euler("Z", off[:, None])
+    flown = turned.as_euler("ZYX")[:, ::-1] + np.array([0.0, 0.0, 2.0])  # its heading is of another frame
+    signals = {"gyro": np.zeros((1500, 3)), "attitude": flown, "reference": wanted}
+    logged = {name: LogSignal(time=time, values=values) for name, values in signals.items()}
+    log = FlightLog(source="flight.bin", system="ardupilot", airborne=((0.0, 30.0),), **logged)
+    ((roll, pitch, yaw),) = flight_errors(log, law, [law], IRIS, scenario_for(law, IRIS, AIR))
+    assert max(roll, pitch) < 2e-3  # .01 by their angles
+    assert yaw == pytest.approx(np.std(off), rel=0.05)
 
 
 def test_the_measured_error_is_the_rms_of_the_flight() -> None:
