@@ -23,6 +23,7 @@ from firmware_model.config.waveforms import (
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
+day = st.floats(0.0, 86_400.0)
 vector = st.tuples(finite, finite, finite)
 text = st.text(st.characters(exclude_categories=["Cs"]))
 name = st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="/\\$."), min_size=1, max_size=25)
@@ -31,9 +32,7 @@ gusts = st.one_of(
     st.builds(kind, kind=st.just(word), wind_speed_20ft_mps=positive, airspeed_mps=st.none() | st.floats(1.0, 1e9))
     for kind, word in ((Dryden, "dryden"), (VonKarman, "von_karman"))
 )
-gust = st.builds(
-    GustCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=positive, length_s=positive
-)
+gust = st.builds(GustCosine, kind=st.just("one_minus_cosine"), amplitude_mps=vector, start_s=day, length_s=positive)
 replay = st.builds(
     GustReplay,
     kind=st.just("replay"),
@@ -42,7 +41,7 @@ replay = st.builds(
     .map(tuple),
 )
 moment = st.one_of(
-    st.builds(MomentStep, kind=st.just("step"), amplitude_nm=vector, start_s=positive),
+    st.builds(MomentStep, kind=st.just("step"), amplitude_nm=vector, start_s=day),
     *(
         st.builds(kind, kind=st.just(word), amplitude_nm=vector, rate_rad_s=rate, phase_rad=phase)
         for kind, word in ((MomentSine, "sine"), (MomentSquare, "square"))

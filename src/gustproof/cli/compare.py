@@ -1,6 +1,7 @@
 """The command `gustproof compare`: real autopilots, their builds and parameters, and laws, flight by flight."""
 
 import sys
+from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -128,14 +129,14 @@ def _is_any_worse(rows: "list[ComparisonRow]", but: str) -> bool:
 
 
 def _add_laws(named: "dict[str, AnyController]", laws: "dict[str, Controller]", *, asked: bool) -> None:
-    """Add laws by their own names, or by those that they were given if another has it already.
+    """Add laws by their own names, or by those that they were given if another has the same.
 
     The default one, which was not `asked` for, is left out beside two autopilots.
     """
     if not asked and len(named) >= _PAIR:
         return
-    for name, each in laws.items():
-        named[each.name if each.name not in named else name] = each
+    own = Counter([*named, *(each.name for each in laws.values())])
+    named |= {each.name if own[each.name] == 1 else name: each for name, each in laws.items()}
 
 
 def _name_all(scripts: "list[Scenario]") -> str:

@@ -51,6 +51,8 @@ from gustproof.version import __version__
 LAWS = Path(__file__).parent / "data"
 FORMAT = "gustproof-law-1"
 _FAMILY, _WRONG_FORMAT = FORMAT.rstrip("0123456789"), f"format: must be '{FORMAT}'"
+SAMPLE_TIMES = 1.0 / 2000.0, 1.0 / 10.0
+"""[s] least and largest sample time: of the rates that a scenario may have."""
 GYRO_REFERENCE_SIZE, GRAVITY_AIDED_SIZE = 6, 8
 """Columns of B and D: gyro and reference; these with roll and pitch by gravity."""
 _MATRICES = ("A", "B", "C", "D", "G", "H")
@@ -227,8 +229,8 @@ class Law(Shown):
     Raises
     ------
     ValueError
-        If the name is not allowed in a file name, a shape does not fit, or a number is not finite. Limits and `dt` must
-        be positive.
+        If the name is not allowed in a file name, a shape does not fit, or a number is not finite. Limits must be
+        positive, and `dt` that of 10 to 2000 Hz.
 
     Examples
     --------
@@ -278,8 +280,8 @@ class Law(Shown):
         shapes = {"A": (n, n), "B": (n, m), "C": (3, n), "D": (3, m), "G": (n, 3), "H": (n, 3), "limits": (3,)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, readonly_copy(name, getattr(self, name), shape))
-        if not (np.isfinite(self.dt) and self.dt > 0.0):
-            raise ValueError(f"dt is {self.dt!r}, must be positive and finite")
+        if not SAMPLE_TIMES[0] <= self.dt <= SAMPLE_TIMES[1]:
+            raise ValueError(f"dt is {self.dt!r}, must be from {SAMPLE_TIMES[0]} to {SAMPLE_TIMES[1]} s")
         if not np.all(self.limits > 0.0):
             raise ValueError(f"limits are {self.limits.tolist()}, must be positive")
         if self.has_kinematics and n < 6:

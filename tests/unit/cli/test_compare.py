@@ -15,7 +15,7 @@ from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli import compare
 from gustproof.cli.app import app
 from gustproof.design.autopilot_gains import AutopilotTuning
-from gustproof.flight.controllers.external_autopilot import ExternalAutopilot
+from gustproof.flight.controllers.external_autopilot import AnyController, ExternalAutopilot
 from gustproof.law.form import load_law
 from gustproof.show.report import contest
 from gustproof.studies.campaign import comparison
@@ -49,11 +49,12 @@ class fall:
 
 @pytest.fixture
 def laws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder with a short scenario, and a law of 6 % less gain under another name."""
+    """Return a folder with a short scenario, a law of 6 % less gain under another name, and one of another rate."""
     monkeypatch.chdir(tmp_path)
     flagship = load_law("flagship")
     replace(flagship, name="weak", C=0.94 * flagship.C, D=0.94 * flagship.D).save(tmp_path / "weak.json")
     replace(flagship, name="same").save(tmp_path / "same.json")
+    replace(flagship, name="slow", dt=0.008).save(tmp_path / "slow.json")
     (tmp_path / "short.toml").write_text(SHORT)
     return tmp_path
 
@@ -131,6 +132,12 @@ def test_large_ratios_are_told_in_times() -> None:
     assert contest._describe_ratio(IntervalEstimate(1.5, 1.25, 1.75)) == "+50.0 % (+25.0 to +75.0)"
 
 
+def test_laws_of_one_name_are_told_apart_by_what_was_given() -> None:
+    named: dict[str, AnyController] = {}
+    compare._add_laws(named, {"twin.json": load_law("flagship"), "flagship": load_law("flagship")}, asked=True)
+    assert list(named) == ["twin.json", "flagship"]
+
+
 def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
     words = ("compare", "short.toml", "--law", "flagship", "--law", "weak.json", "-o", "junit.xml")
     assert CliRunner().invoke(app, words).exit_code == 1
@@ -149,6 +156,7 @@ def test_a_worse_law_fails_the_test_of_a_build_server(laws: Path) -> None:
         ("--law flagship --law same.json -o table.html", ".md or .xml"),
         ("--build a --build a", "given twice"),
         ("--law flagship --law flagship", "--law flagship is given twice"),
+        ("short.toml --law flagship --law slow.json", "law 'slow' steps every 0.008 s"),
         ("nowhere --law flagship --law same.json", "nowhere"),
         (f"gust-roll --build {PEER} --params equal", "a scenario with gusts, not flagship in gust-roll"),
         (

@@ -10,6 +10,7 @@ from firmware_model.autopilot.modes import Mode
 from firmware_model.autopilot.parameters import Parameters, published_hover, published_limit
 from firmware_model.config.scenario import Scenario
 from firmware_model.config.vehicle import Vehicle
+from firmware_model.errors import ConfigError
 from firmware_model.numerics.compiled import compiled, kernel
 from firmware_model.physics.sensors import float32
 from firmware_model.recording.journal import FORCE_B, GYRO_B, WIDTH, as_records, record_type
@@ -24,6 +25,11 @@ from gustproof.flight.recording.flown import FlownRecords
 from gustproof.law.form import Law, Output, find_vehicle
 from gustproof.law.references import RADIANS, describe_other_rate, describe_untracked, references
 from gustproof.law.step import FORCE, SparseLaw, law_kernel, no_law, sparse_law, vector_size
+
+
+class UnfitError(ConfigError, ValueError):
+    """A controller that cannot fly a scenario, whatever the vehicle."""
+
 
 _AGE, _MODE = WIDTH - 2, WIDTH - 1
 _MESSAGES = "must be flown with messages"
@@ -244,7 +250,7 @@ def _check_rate(scenario: Scenario, law: Law | Library | CheckedStepper) -> None
         or scenario.unread
         or (describe_untracked(scenario, law) if isinstance(law, Law) else "")
     ):
-        raise ValueError(line)
+        raise UnfitError(line)
 
 
 @kernel
