@@ -20,8 +20,6 @@ FIELD_N = (0.21744, 0.01294, 0.43045)
 
 Autopilots correct the compass by a table of that model: 3.41 deg east, 63.2 deg down, .4824 gauss.
 """
-DECLINATION = math.atan2(FIELD_N[1], FIELD_N[0])
-"""[rad] from true to magnetic north."""
 _NUMBERS = 33  # in `Readings` after its time
 EARTH_RATE_N = earth_rate(math.radians(ORIGIN_DEG[0]))
 """[rad/s] N, turn of the earth at the origin: a gyro measures it, and estimators subtract it."""

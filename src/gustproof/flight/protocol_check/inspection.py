@@ -34,7 +34,6 @@ def check_controller(
     *,
     vehicle: Vehicle,
     patience_s: float = PATIENCE_S,
-    startup_s: float = STARTUP_S,
     progress: Callable[[float, str], None] = lambda *_: None,
 ) -> list[Finding]:
     """Return what is wrong with a controller, by name; nothing if it keeps to the protocol.
@@ -54,7 +53,7 @@ def check_controller(
     found: list[Finding] = []
     for number, name in enumerate(("lockstep", "real time")):
         progress(number / 2, name)
-        trial = _fly_trial(name, script, controller, vehicle, patience_s=patience_s, startup_s=startup_s)
+        trial = _fly_trial(name, script, controller, vehicle, patience_s=patience_s)
         known = {finding.name for finding in found}
         found += [finding for finding in judge(trial) if finding.name not in known]
         if trial.witness.vehicle.outcome is not VehicleOutcome.DONE and not trial.witness.is_slow:
@@ -79,9 +78,7 @@ def _script(vehicle: Vehicle, controller: Controller) -> Scenario:
     return replace(script, control_rate_hz=rate_hz, physics_rate_hz=steps * rate_hz)
 
 
-def _fly_trial(
-    name: str, script: Scenario, controller: Controller, vehicle: Vehicle, *, patience_s: float, startup_s: float
-) -> Trial:
+def _fly_trial(name: str, script: Scenario, controller: Controller, vehicle: Vehicle, *, patience_s: float) -> Trial:
     lockstep = name == "lockstep"
     with TemporaryDirectory() as folder, udp.bind(0) as bound:
         files = write_inputs(FlightPlan(script, controller, vehicle, 1, not lockstep), Path(folder))
@@ -90,7 +87,7 @@ def _fly_trial(
             send_line(process, f"127.0.0.1:{bound.getsockname()[1]}")
             endpoint = VehicleEndpoint(vehicle, script, 1, lambda _: None, lockstep=lockstep)
             witness = Witness(
-                endpoint, script.sample_us, lambda: process.poll() is None, patience_s=patience_s, startup_s=startup_s
+                endpoint, script.sample_us, lambda: process.poll() is None, patience_s=patience_s, startup_s=STARTUP_S
             )
             if lockstep:
                 udp.serve_lockstep(witness, bound)

@@ -258,8 +258,8 @@ def solve_scaled(H: Array, g: Array, mu: float = 1e-9) -> Array:
     return np.asarray((np.linalg.solve(H / np.outer(scale, scale) + mu * np.eye(len(H)), scaled).T / scale).T)
 
 
-def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: int = 40) -> Fit:
-    """Return the maximum near `theta`, found by Levenberg's damping of Fisher scoring; the first `held` stay."""
+def maximise(axes: Sequence[AxisData], theta: Array, *, rounds: int = 40) -> Fit:
+    """Return the maximum near `theta`, found by Levenberg's damping of Fisher scoring."""
     index = places(axes)
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
     reach = np.full(len(theta), np.inf)
@@ -276,7 +276,6 @@ def maximise(axes: Sequence[AxisData], theta: Array, *, held: int = 0, rounds: i
     for _ in range(rounds):
         score, information = _assemble(axes, _linearise_all(axes, theta, found), theta)
         free = ~((theta <= low) & (score < 0.0) | (theta >= high) & (score > 0.0))
-        free[:held] = False
         H, g = information[np.ix_(free, free)], score[free]
         before = cost
         for _ in range(8):

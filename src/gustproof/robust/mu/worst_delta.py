@@ -46,7 +46,6 @@ def worst_delta(
     blocks: tuple[DeltaBlock, ...],
     *,
     radius: float = 1.0,
-    seed: int = 0,
     repeated: bool = False,
     enough: float = np.inf,
 ) -> WorstDelta:
@@ -62,35 +61,31 @@ def worst_delta(
     ----------
     P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
     """
-    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, seed, enough)
+    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, enough)
 
 
-def most_unstable_delta(
-    M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0, seed: int = 0
-) -> tuple[WorstDelta, complex]:
+def most_unstable_delta(M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0) -> tuple[WorstDelta, complex]:
     """Return a Delta within `radius` that moves the poles of the continuous `F_u(M, Delta)` far to the right.
 
     Its `gain` is the largest real part; the second result is the pole itself. The search is that of `worst_delta`.
     """
     w, z = _shape(blocks)
     opened = M.subsystem(slice(0, z), slice(0, w))
-    found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius, seed)
+    found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius)
     return found, _abscissa(opened, found.Delta)[0]
 
 
-def most_singular_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], *, seed: int = 0) -> WorstDelta:
+def most_singular_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> WorstDelta:
     """Return a real Delta of norm 1 with a large real eigenvalue of `M Delta`, its `gain`, for a real `M`.
 
     Delta over that eigenvalue makes `I - M Delta` singular. The search is that of `worst_delta`.
     """
-    return _search(lambda Delta: _largest_real_eigenvalue(M.real, Delta.real), blocks, 1.0, seed)
+    return _search(lambda Delta: _largest_real_eigenvalue(M.real, Delta.real), blocks, 1.0)
 
 
-def _search(
-    objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, seed: int, enough: float = np.inf
-) -> WorstDelta:
+def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, enough: float = np.inf) -> WorstDelta:
     found: list[WorstDelta] = []
-    for start in _starts(blocks, seed):
+    for start in _starts(blocks):
         found.append(_ascend(objective, blocks, radius, radius * start))
         if found[-1].gain >= enough:
             break
@@ -170,9 +165,9 @@ def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatr
     return vertex
 
 
-def _starts(blocks: tuple[DeltaBlock, ...], seed: int) -> list[ComplexMatrix]:
+def _starts(blocks: tuple[DeltaBlock, ...]) -> list[ComplexMatrix]:
     """Return starts of norm 1: corners of the real parameters, random directions of the full blocks."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     n_real = sum(isinstance(block, RealBlock) for block in blocks)
     corners = (
         list(product((-1.0, 1.0), repeat=n_real))

@@ -30,33 +30,32 @@ class ForestRow(NamedTuple):
     """True if the value is set in bold."""
 
 
-def render_forest(heading: str, rows: Sequence[ForestRow], *, unit_line: bool = False) -> str:
-    """Return the plot; nothing if no two values differ. With `unit_line` a line marks 1 on the axis.
+def render_forest(heading: str, rows: Sequence[ForestRow]) -> str:
+    """Return the plot; nothing if no two values differ.
 
     The axis begins at 0, or is logarithmic if the values span more than a decade. An interval without an end fades.
     """
     values = [x for row in rows for estimate, _ in row.marks for x in estimate if math.isfinite(x)]
     if not values or max(values) == min(values):
         return ""
-    axis = _make_axis(values, is_ratio=unit_line)
-    line = _place(axis, 1.0, "one") if unit_line and axis.low < 1.0 < axis.high else ""
-    items = "".join(_render_row(row, axis, line) for row in rows)
+    axis = _make_axis(values)
+    items = "".join(_render_row(row, axis) for row in rows)
     kind = "log" if axis.logarithmic else ""
     ends = f"<li class='ends'><span></span><span>{axis.low:.3g}<i>{kind}</i>{axis.high:.3g}</span></li>"
     return f'<div class="forest"><h3>{escape(heading)}</h3><ul>{items}{ends}</ul></div>'
 
 
-def _make_axis(values: Iterable[float], *, is_ratio: bool) -> Axis:
+def _make_axis(values: Iterable[float]) -> Axis:
     low, high = min(values), max(values)
-    if low > 0.0 and (is_ratio or high > _MOST_LINEAR * low):
+    if low > 0.0 and high > _MOST_LINEAR * low:
         return Axis(low / 1.1, 1.1 * high, logarithmic=True)
     return Axis(min(0.0, low), 1.04 * high if high > 0.0 else 0.0)
 
 
-def _render_row(row: ForestRow, axis: Axis, line: str) -> str:
+def _render_row(row: ForestRow, axis: Axis) -> str:
     marks = "".join(_render_interval(estimate, axis, kind) for estimate, kind in row.marks)
     colour = chip_style(row.colour)
-    track = f'<span class="track" style="{colour}" role="img" aria-label="{escape(row.spoken)}">{line}{marks}</span>'
+    track = f'<span class="track" style="{colour}" role="img" aria-label="{escape(row.spoken)}">{marks}</span>'
     text = f"<b>{escape(row.text)}</b>" if row.is_best else escape(row.text)
     return f"<li>{render_chip(row.colour, row.name)}{track}<span>{text}</span></li>"
 
