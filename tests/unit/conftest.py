@@ -18,7 +18,9 @@ from firmware_model.process import realtime
 from firmware_model.recording.journal import record_type
 from gustproof.cli import options
 from gustproof.flight.recording.bag import write_bag
-from gustproof.flight.routes.flight import FlightPlan
+from gustproof.flight.routes.direct import fly_direct
+from gustproof.flight.routes.flight import Flight, FlightPlan
+from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import Law, Output, Provenance, RateLimit, Schedule, load_law
 from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
 from gustproof.logs.read.flight_log import CommandUnit, FlightLog, LogSignal
@@ -122,6 +124,29 @@ def handlers_and_collector_stay(monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture(scope="session")
+def fly_here():
+    """Return what flies a plan in this process in place of two, to the same bits, or takes records as flown."""
+
+    def fly(
+        plan: FlightPlan,
+        out: Path,
+        records: Records | None = None,
+        outcome: FlightOutcome = FlightOutcome.DONE,
+        message: str = "it ended",
+    ) -> Flight:
+        scenario, controller, vehicle, seed, *_ = plan
+        if records is None:
+            records = fly_direct(scenario, controller, vehicle=vehicle, seed=seed)
+        (journal := out / f"{plan.name}.journal").touch()
+        return Flight(
+            scenario=scenario, controller=controller, vehicle=vehicle, seed=seed, records=records, outcome=outcome,
+            message=message, realtime_factor=9.0, journal=journal,
+        )  # fmt: skip
+
+    return fly
 
 
 @pytest.fixture

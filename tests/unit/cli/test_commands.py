@@ -24,7 +24,7 @@ from gustproof.design.autopilot_gains import AutopilotTuning
 from gustproof.errors import DesignError, FlightError
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.flight import Flight, FlightPlan
+from gustproof.flight.routes.flight import FlightPlan
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import Metrics
 from gustproof.law.form import load_law
@@ -50,18 +50,12 @@ def second():
 
 
 @pytest.fixture
-def end_flight(monkeypatch):
+def end_flight(monkeypatch, fly_here):
     """Return what ends each flight in an outcome with these records; by default it is flown without processes."""
 
     def end(records=None, outcome=FlightOutcome.DONE):
         def fly(plan, out, **_):
-            scenario, law, vehicle, seed, *_ = plan
-            (journal := out / f"{scenario.name}.journal").touch()
-            flown = fly_direct(scenario, law, vehicle=vehicle, seed=seed) if records is None else records
-            return Flight(
-                scenario=scenario, controller=law, vehicle=vehicle, seed=seed, records=flown, outcome=outcome,
-                message="it ended", realtime_factor=9.0, timing=None, journal=journal,
-            )  # fmt: skip
+            return fly_here(plan, out, records, outcome)
 
         monkeypatch.setattr("gustproof.flight.routes.recorder.fly_plan", fly)
 
@@ -401,7 +395,7 @@ def test_ctrl_c_while_the_bag_is_written_keeps_the_journal_and_says_what_to_do(
     result = run("fly", "calm", "--law", "hinf-d1", "--output", str(out))
     assert result.exit_code == 130
     assert result.stderr.strip().endswith(f"gustproof report {out} completes it")
-    assert [path.name for path in out.iterdir()] == ["calm.journal"]
+    assert [path.name for path in out.iterdir()] == ["calm-hinf-d1-seed1.journal"]
 
 
 @pytest.mark.parametrize("existing", ["law.c", "law.h", "law.mat", "law.json"])

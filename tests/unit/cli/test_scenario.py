@@ -9,7 +9,6 @@ from firmware_model.config.scenario import SCENARIOS, Scenario, list_scenarios
 from firmware_model.config.vehicle import load_vehicle
 from gustproof.cli.app import app
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.law.form import load_law
 
@@ -80,25 +79,12 @@ def second():
 
 
 @pytest.fixture
-def flown(tmp_path, monkeypatch, second):
+def flown(tmp_path, monkeypatch, second, fly_here):
     """Take the `second` for the flight of a scenario's text; `samples` of it if it breaks off."""
 
     def run_it(text: str, *options: str, outcome: FlightOutcome = FlightOutcome.DONE, samples: int | None = None):
         def fly(plan, out, **_):
-            scenario, law, vehicle, seed, *_ = plan
-            (out / "journal").touch()
-            return Flight(
-                scenario=scenario,
-                controller=law,
-                vehicle=vehicle,
-                seed=seed,
-                records=second[:samples],
-                outcome=outcome,
-                message="it ended",
-                realtime_factor=9.0,
-                timing=None,
-                journal=out / "journal",
-            )
+            return fly_here(plan, out, second[:samples], outcome)
 
         monkeypatch.setattr("gustproof.flight.routes.recorder.fly_plan", fly)
         (tmp_path / "mine.toml").write_text(text)

@@ -13,7 +13,6 @@ from gustproof.errors import FlightError
 from gustproof.flight.recording.bag import read_bag
 from gustproof.flight.routes import recorder
 from gustproof.flight.routes.direct import fly_direct
-from gustproof.flight.routes.flight import Flight
 from gustproof.flight.routes.outcome import FlightOutcome
 from gustproof.flight.scoring.metrics import Metrics
 from gustproof.law.form import load_law
@@ -25,36 +24,24 @@ def shortened(name):
     return replace(load_scenario(name), duration_s=1.0)
 
 
-def direct(lost: str = ""):
+def direct(fly_here, lost: str = ""):
     """Return what flies instead of two processes; the controller of the law `lost` is lost."""
 
     def fly(plan, out, *, progress, **_):
-        scenario, law, vehicle, seed, *_ = plan
-        journal = out / f"{scenario.name}-{law.name}-seed{seed}.journal"
-        journal.touch()
         progress(1.0)
-        return Flight(
-            scenario=scenario,
-            controller=law,
-            vehicle=vehicle,
-            seed=seed,
-            records=fly_direct(scenario, law, vehicle=vehicle, seed=seed),
-            outcome=FlightOutcome.CONTROLLER_LOST if law.name == lost else FlightOutcome.DONE,
-            message=f"{law.name} ended",
-            realtime_factor=50.0,
-            timing=None,
-            journal=journal,
-        )
+        name = plan.controller.name
+        outcome = FlightOutcome.CONTROLLER_LOST if name == lost else FlightOutcome.DONE
+        return fly_here(plan, out, outcome=outcome, message=f"{name} ended")
 
     return fly
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
+def campaign(tmp_path_factory, fly_here):
     """One campaign of a second each with two seeds: its result, its folder, and the progress that was told."""
     out, told = tmp_path_factory.mktemp("campaign"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recorder, "fly_plan", direct())
+        patch.setattr(recorder, "fly_plan", direct(fly_here))
         patch.setattr(run, "load_scenario", shortened)
         patch.setattr(placement, "PEAKS", (1.36,))
         patch.setattr(placement, "SLEWS", (20.0,))
@@ -101,8 +88,8 @@ def test_a_bag_names_its_flight_and_holds_what_was_flown(campaign):
     assert records.tobytes() == flown.tobytes()
 
 
-def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder, "fly_plan", direct(lost="hinf-d2"))
+def test_a_flight_that_breaks_off_ends_the_campaign_and_says_which(tmp_path, monkeypatch, fly_here):
+    monkeypatch.setattr(recorder, "fly_plan", direct(fly_here, lost="hinf-d2"))
     monkeypatch.setattr(run, "load_scenario", shortened)
     monkeypatch.setattr(run, "performance_limits", lambda *_: (None, None))
     monkeypatch.setattr(run, "axis_robustness", lambda *_: ())
