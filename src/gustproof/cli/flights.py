@@ -181,8 +181,7 @@ def _print_flight(result: "Flight", comparison: Comparison | None, *, as_json: b
         compared = dict(zip(("equal", "comparison"), comparison, strict=True)) if comparison else {}
         print_json(result.to_dict() | compared)
     else:
-        document = (result.message, result.metrics, result.bag, result.requirements, result.timing, result.warnings)
-        show(render_flight(*document, result.estimator_view))
+        show(render_flight(result))
         if result.bag:
             print_next("report", result.bag, "-o", "report.html")
 
@@ -287,11 +286,7 @@ def complete_recordings(run: Path, *, quiet: bool = False) -> None:
     with working(f"completing {run}", quiet=quiet):
         flights = recover(run)
     for flight in () if quiet else flights:
-        show(
-            render_flight(
-                flight.message, flight.metrics, flight.bag, flight.requirements, estimator_view=flight.estimator_view
-            )
-        )
+        show(render_flight(flight))
 
 
 def choose_autopilot(

@@ -1,10 +1,10 @@
 """Results as tables and text, for a terminal or a text file."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.segment import Segment
@@ -23,6 +23,9 @@ from gustproof.flight.scoring.requirements import (
     verdict,
 )
 from gustproof.logs.read.flight_log import ABSENT
+
+if TYPE_CHECKING:
+    from gustproof.flight.routes.flight import Flight
 
 Renderable = RenderableType
 _WIDTH = 118
@@ -79,28 +82,20 @@ def save_text(document: Renderable, path: Path) -> None:
     write_text(path, stream.getvalue())
 
 
-def render_flight(
-    title: str,
-    metrics: Metrics | None,
-    bag: Path | None,
-    requirements: Sequence[RequirementResult] = (),
-    timing: Mapping[str, Any] | None = None,
-    warnings: Sequence[str] = (),
-    estimator_view: EstimatorView | None = None,
-) -> Renderable:
+def render_flight(flight: "Flight") -> Renderable:
     """Return figures, requirements, timing, warnings and the bag of one flight, and a real autopilot's own view."""
     # The title of a table would be broken to its narrow width.
-    parts: list[RenderableType] = [Text(title, style="bold")]
-    if metrics:
-        parts.append(figures_table("", {"": metrics}))
-    if estimator_view:
-        parts.extend(map(Text, estimator_view_lines(estimator_view)))
-    if requirements:
-        parts.append(requirements_table(requirements))
-    if timing:
-        parts.extend(map(Text, timing_lines(timing)))
-    parts += warning_lines(warnings)
-    return Group(*parts, Text(f"recorded in {bag}" if bag else "no samples were flown or recorded"))
+    parts: list[RenderableType] = [Text(flight.message, style="bold")]
+    if flight.metrics:
+        parts.append(figures_table("", {"": flight.metrics}))
+    if flight.estimator_view:
+        parts.extend(map(Text, estimator_view_lines(flight.estimator_view)))
+    if flight.requirements:
+        parts.append(requirements_table(flight.requirements))
+    if flight.timing:
+        parts.extend(map(Text, timing_lines(flight.timing)))
+    parts += warning_lines(flight.warnings)
+    return Group(*parts, Text(f"recorded in {flight.bag}" if flight.bag else "no samples were flown or recorded"))
 
 
 def warning_lines(lines: Iterable[str]) -> list[Text]:

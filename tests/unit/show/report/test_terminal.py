@@ -1,8 +1,11 @@
 """Tables and text say what the figures say."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -154,8 +157,14 @@ def test_the_limits_of_the_results_are_told():
     assert "Translation is held" in text
 
 
+def flight(message: str = "x", metrics: Metrics | None = None, timing: Mapping[str, Any] | None = None) -> Any:
+    """Return what stands for a flight that was not recorded."""
+    nothing = {"estimator_view": None, "requirements": (), "warnings": (), "bag": None}
+    return SimpleNamespace(message=message, metrics=metrics, timing=timing, **nothing)
+
+
 def test_a_flight_that_never_began_has_no_figures():
-    assert written(render_flight("x", None, None)) == "x no samples were flown or recorded"
+    assert written(render_flight(flight())) == "x no samples were flown or recorded"
 
 
 def test_deadlines_of_real_time_are_told():
@@ -164,17 +173,17 @@ def test_deadlines_of_real_time_are_told():
         lateness.add(late_us)
     late = {f"late_{name}": value for name, value in lateness.stats().items()}
     pace = {"missed": 3, "held": 5, **late, "fifo": True}
-    told = written(render_flight("x", None, None, timing=pace))
+    told = written(render_flight(flight(timing=pace)))
     assert "missed deadlines 3, repeated set-points 5" in told
     assert "lateness median 2 us, p99 900 us, max 900 us" in told
     assert "at the law" not in told
     samples = {"late_samples": 125, "missed_samples": 0}
-    assert "samples at the law: 125 late, 0 missed" in written(render_flight("x", None, None, timing=pace | samples))
+    assert "samples at the law: 125 late, 0 missed" in written(render_flight(flight(timing=pace | samples)))
 
 
 def test_how_a_flight_ended_is_told_in_one_line(tmp_path):
     message = f"paper, hinf-d1, seed 1: {FlightOutcome.CONTROLLER_LOST.value}"
-    save_text(render_flight(message, FIGURES, None), tmp_path / "told.txt")
+    save_text(render_flight(flight(message=message, metrics=FIGURES)), tmp_path / "told.txt")
     assert (tmp_path / "told.txt").read_text().splitlines()[0] == message
 
 
