@@ -20,7 +20,6 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.external import ardupilot_process
-from firmware_model.external.__main__ import main
 from firmware_model.external.ardupilot import encode_answer
 from firmware_model.external.interface import ExternalOptions
 from firmware_model.external.readings import Readings
@@ -31,6 +30,7 @@ from firmware_model.recording.journal import read_journal
 PEER = Path(__file__).parent
 REAL = os.environ.get("GUSTPROOF_ARDUPILOT", "")
 real = pytest.mark.skipif(not REAL, reason="GUSTPROOF_ARDUPILOT names no build of ArduCopter")
+Fly = Callable[..., dict[str, Any]]
 SCRIPT = """
 description = "a short gust"
 duration_s = 1.0
@@ -57,31 +57,23 @@ def _impatient(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
     monkeypatch.setattr(ardupilot_process.ArduPilot, "arming_timeout_s", 3.5)
 
 
-def fly(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    *options: str,
-    translation: str = "held",
-    build: str = str(PEER),
-    events: str = "",
-) -> dict[str, Any]:
-    folder.mkdir(exist_ok=True)
-    (folder / "short.toml").write_text(SCRIPT.format(translation=translation) + events)
-    status = main(
-        ["--autopilot", "ardupilot", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
-         "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
-    )  # fmt: skip
-    facts: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (status == 0) == (facts["outcome"] == "done")
-    return facts
+@pytest.fixture
+def fly(fly_script: Fly) -> Fly:
+    def in_gust(
+        *options: str, translation: str = "held", build: str = str(PEER), events: str = "", folder: str = "."
+    ) -> dict[str, Any]:
+        script = SCRIPT.format(translation=translation) + events
+        return fly_script("ardupilot", script, *options, build=build, folder=folder)
+
+    return in_gust
 
 
 @pytest.mark.parametrize(("fault", "outcome"), [("", "done"), ("no law", "wrong_build")])
 def test_law_inside_is_switched_on_before_the_scenario(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
-    facts = fly(tmp_path, capsys, "--law", "flagship")
+    facts = fly("--law", "flagship")
     assert facts["outcome"] == outcome, facts["reason"]
     assert facts["autopilot"]["parameters"]["CC_AXIS_MASK"] == "7"
     said = "Custom controller type is out of range" if fault else "Custom controller is ON"
@@ -91,12 +83,12 @@ def test_law_inside_is_switched_on_before_the_scenario(
 
 @pytest.mark.parametrize(("translation", "fault"), [("held", "repeat"), ("free", "wide")])
 def test_peer_finds_no_fault_and_flies_the_scenario(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, translation: str, fault: str
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, translation: str, fault: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
     given = tmp_path / "given.parm"
     given.write_text("ATC_RAT_RLL_P 0.1\nRATE_RLL_P 0.2\nINS_GYRO_FILTER 53.574\n")
-    facts = fly(tmp_path, capsys, "--params", str(given), translation=translation)
+    facts = fly("--params", str(given), translation=translation)
     assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 400)
     assert facts["autopilot"]["unknown_parameters"] == ["RATE_RLL_P"]
     assert facts["autopilot"]["rounded_parameters"] == {"INS_GYRO_FILTER": 53.0}
@@ -110,7 +102,7 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
 
 @pytest.mark.slow
 def test_frame_repeated_before_a_late_answer_gets_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A machine that stalls, answers, and stalls again must not answer the repeats of the first stall."""
     answer, sent = ardupilot_process.ArduPilot.send, []
@@ -124,18 +116,16 @@ def test_frame_repeated_before_a_late_answer_gets_one(
             time.sleep(0.7)
 
     monkeypatch.setattr(ardupilot_process.ArduPilot, "send", send_late)
-    facts = fly(tmp_path, capsys)
+    facts = fly()
     assert (facts["outcome"], facts["reason"]) == ("done", "")
 
 
 @real
 @pytest.mark.parametrize("translation", ["held", "free"])
-def test_real_ardupilot_holds_the_attitude_and_repeats_its_flight(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], translation: str
-) -> None:
+def test_real_ardupilot_holds_the_attitude_and_repeats_its_flight(tmp_path: Path, fly: Fly, translation: str) -> None:
     flights = []
     for name in ("first", "second"):
-        facts = fly(tmp_path / name, capsys, "--params", "tuned", translation=translation, build=REAL)
+        facts = fly("--params", "tuned", translation=translation, build=REAL, folder=name)
         assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 400)
         flights.append(read_journal(tmp_path / name / "flight.journal")[1])
     tilt = 2.0 * np.hypot(flights[0]["q_NB"][:, 1], flights[0]["q_NB"][:, 2])
@@ -218,19 +208,14 @@ def test_peer_finds_a_spoiled_wind_or_height(motion: list[Readings], name: str) 
     ],
 )
 def test_flight_that_ends_early_tells_how(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    fault: str,
-    outcome: str,
-    said: str,
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str, said: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
     # All others answer, on a busy machine late.
     patience = {"hang": ("_HUNG_S", 1.0), "silent": ("_START_TIMEOUT_S", 2.0)}
     if fault in patience:
         monkeypatch.setattr(ardupilot_process, *patience[fault])
-    facts = fly(tmp_path, capsys)
+    facts = fly()
     assert facts["outcome"] == outcome
     assert said in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) >= (0 if outcome == "wrong_build" else 1)
@@ -238,21 +223,21 @@ def test_flight_that_ends_early_tells_how(
 
 @pytest.mark.parametrize(("fault", "outcome"), [("lost", "gps_lost"), ("", "done")])
 def test_loss_of_the_fix_is_flown_and_an_end_by_it_has_a_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
-    facts = fly(tmp_path, capsys, events=LOST)
+    facts = fly(events=LOST)
     assert facts["outcome"] == outcome
     if fault:
         assert "s without a fix it left GUIDED for mode 9" in facts["reason"]
         assert 100 <= len(read_journal(tmp_path / "flight.journal")[1]) < 300
 
 
-def test_program_that_is_not_one_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_program_that_is_not_one_is_told(tmp_path: Path, fly: Fly) -> None:
     build = tmp_path / "arducopter"
     build.write_text("not a program")
     build.chmod(0o700)
-    facts = fly(tmp_path, capsys, build=str(build))
+    facts = fly(build=str(build))
     assert (facts["outcome"], facts["samples"]) == ("wrong_build", 0)
     assert "Exec format error" in facts["reason"]
 

@@ -3,10 +3,10 @@
 With GUSTPROOF_BETAFLIGHT, a program or its folder, the flights to the end are flown by the real one too.
 """
 
-import json
 import os
 import socket
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +19,6 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.external import betaflight_process, flight
-from firmware_model.external.__main__ import main
 from firmware_model.external.betaflight import (
     SticksClient,
     pack_request,
@@ -39,6 +38,7 @@ REAL = os.environ.get("GUSTPROOF_BETAFLIGHT", "")
 real = pytest.param(
     REAL, marks=pytest.mark.skipif(not REAL, reason="GUSTPROOF_BETAFLIGHT names no Betaflight"), id="real"
 )
+Fly = Callable[..., dict[str, Any]]
 SCRIPT = """
 description = "a short gust"
 duration_s = 1.0
@@ -62,39 +62,27 @@ def free_ports() -> Ports:
     return ports
 
 
-def fly(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    *,
-    build: str = str(PEER),
-    fault: str = "",
-    translation: str = "held",
-    options: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    if build == str(PEER):
-        ports = free_ports()
-        monkeypatch.setattr(betaflight_process, "PORTS", ports)
-        monkeypatch.setenv("PEER_PORTS", ",".join(map(str, ports)))
-        monkeypatch.setattr(flight, "_STILL_S", 0.5)
-    monkeypatch.setenv("PEER_FAULT", fault)
-    (folder / "short.toml").write_text(SCRIPT.format(translation=translation))
-    status = main(
-        ["--autopilot", "betaflight", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
-         "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
-    )  # fmt: skip
-    facts: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (status == 0) == (facts["outcome"] == "done"), facts
-    return facts
+@pytest.fixture
+def fly(fly_script: Fly, monkeypatch: pytest.MonkeyPatch) -> Fly:
+    def in_gust(*, build: str = str(PEER), fault: str = "", translation: str = "held") -> dict[str, Any]:
+        if build == str(PEER):
+            ports = free_ports()
+            monkeypatch.setattr(betaflight_process, "PORTS", ports)
+            monkeypatch.setenv("PEER_PORTS", ",".join(map(str, ports)))
+            monkeypatch.setattr(flight, "_STILL_S", 0.5)
+        monkeypatch.setenv("PEER_FAULT", fault)
+        return fly_script("betaflight", SCRIPT.format(translation=translation), build=build)
+
+    return in_gust
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
 def test_peer_finds_no_fault_and_flies_the_scenario(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, build: str, translation: str
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, build: str, translation: str
 ) -> None:
-    facts = fly(tmp_path, capsys, monkeypatch, build=build, translation=translation)
+    facts = fly(build=build, translation=translation)
     assert facts["outcome"] == "done", (facts, (tmp_path / "run" / "output.txt").read_text()[-400:])
     assert facts["samples"] == 250
     assert facts["realtime_factor"] == pytest.approx(1.0, abs=0.1)
@@ -122,28 +110,21 @@ def test_peer_finds_no_fault_and_flies_the_scenario(
     ],
 )
 def test_each_end_has_its_name(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    fault: str,
-    outcome: str,
-    said: str,
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str, said: str
 ) -> None:
     monkeypatch.setattr(betaflight_process, "_HUNG_S", 0.5)
     monkeypatch.setattr(betaflight_process.Betaflight, "arming_timeout_s", 2.0)
-    facts = fly(tmp_path, capsys, monkeypatch, fault=fault)
+    facts = fly(fault=fault)
     assert facts["outcome"] == outcome, facts
     assert said in facts["reason"]
 
 
-def test_taken_port_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_taken_port_is_named(tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("0.0.0.0", 0))
         port = other.getsockname()[1]
         monkeypatch.setattr(f"{__name__}.free_ports", lambda: Ports(1, port, port, port))
-        facts = fly(tmp_path, capsys, monkeypatch)
+        facts = fly()
     assert (facts["outcome"], facts["reason"]) == ("port_taken", f"another program uses UDP port {port}")
 
 

@@ -3,7 +3,6 @@
 With GUSTPROOF_PX4, the folder of a build, the flights to the end are flown by the real one too.
 """
 
-import json
 import os
 import shutil
 import socket
@@ -23,7 +22,6 @@ from firmware_model.config.scenario import load_scenario
 from firmware_model.config.vehicle import load_vehicle
 from firmware_model.errors import ConfigError
 from firmware_model.external import px4_process
-from firmware_model.external.__main__ import main
 from firmware_model.external.interface import ExternalOptions, check_law_inside
 from firmware_model.external.px4 import SimulatorLink
 from firmware_model.external.readings import Readings
@@ -34,6 +32,7 @@ from firmware_model.recording.journal import read_journal
 PEER = Path(__file__).parent / "px4_build"
 REAL = os.environ.get("GUSTPROOF_PX4", "")
 real = pytest.param(REAL, marks=pytest.mark.skipif(not REAL, reason="GUSTPROOF_PX4 names no build of PX4"), id="real")
+Fly = Callable[..., dict[str, Any]]
 SCRIPT = """
 description = "a short gust"
 duration_s = 1.0
@@ -45,17 +44,12 @@ wind_speed_20ft_mps = 10.0
 """
 
 
-def fly(
-    folder: Path, capsys: pytest.CaptureFixture[str], *options: str, build: str = str(PEER), translation: str = "held"
-) -> dict[str, Any]:
-    (folder / "short.toml").write_text(SCRIPT.format(translation=translation))
-    status = main(
-        ["--autopilot", "px4", "--build", build, "--folder", str(folder / "run"), "--vehicle", "paper",
-         "--scenario", str(folder / "short.toml"), "--journal", str(folder / "flight.journal"), *options]
-    )  # fmt: skip
-    facts: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (status == 0) == (facts["outcome"] == "done")
-    return facts
+@pytest.fixture
+def fly(fly_script: Fly) -> Fly:
+    def in_gust(*options: str, build: str = str(PEER), translation: str = "held") -> dict[str, Any]:
+        return fly_script("px4", SCRIPT.format(translation=translation), *options, build=build)
+
+    return in_gust
 
 
 @pytest.fixture
@@ -68,11 +62,11 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("translation", ["held", "free"])
 @pytest.mark.parametrize("build", [pytest.param(str(PEER), id="peer"), real])
 def test_peer_finds_no_fault_and_flies_the_scenario(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], build: str, translation: str, request: pytest.FixtureRequest
+    tmp_path: Path, fly: Fly, build: str, translation: str, request: pytest.FixtureRequest
 ) -> None:
     if build != REAL:
         request.getfixturevalue("_impatient")
-    facts = fly(tmp_path, capsys, "--tlog", str(tmp_path / "flight.tlog"), build=build, translation=translation)
+    facts = fly("--tlog", str(tmp_path / "flight.tlog"), build=build, translation=translation)
     assert (facts["outcome"], facts["reason"], facts["samples"]) == ("done", "", 250)
     assert facts["autopilot"]["version"] == "1.16.0 (cdef01)" or build == REAL
     _, records = read_journal(tmp_path / "flight.journal")
@@ -103,12 +97,12 @@ def build_with(script: str, folder: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.usefixtures("_impatient")
 def test_parameters_reach_a_start_script_without_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PX4_PARAM_MC_ROLLRATE_P", "9")  # of the user's shell, not of this flight
     (tmp_path / "mine.params").write_text("MC_PITCHRATE_P 0.6\nMY_OWN 1\n")
     build = build_with(OF_2026, tmp_path)
-    facts = fly(tmp_path, capsys, "--params", str(tmp_path / "mine.params"), build=str(build))
+    facts = fly("--params", str(tmp_path / "mine.params"), build=str(build))
     assert (facts["outcome"], facts["reason"]) == ("done", "")
     told = facts["autopilot"]["read_back"]
     assert (told["MC_PITCHRATE_P"], told["MC_ROLLRATE_P"]) == pytest.approx((0.6, 0.15))
@@ -137,13 +131,11 @@ def test_file_is_written_where_the_start_script_reads_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("script", ["", "# . px4-rc.params\n\t# PX4_PARAM_X\n", None])
-def test_start_script_that_takes_no_parameters_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], script: str | None
-) -> None:
+def test_start_script_that_takes_no_parameters_is_refused(tmp_path: Path, fly: Fly, script: str | None) -> None:
     build = build_with(script or "", tmp_path)
     if script is None:
         (build / "etc" / "init.d-posix" / "rcS").unlink()
-    facts = fly(tmp_path, capsys, build=str(build))
+    facts = fly(build=str(build))
     said = "No such file or directory" if script is None else "takes parameters neither from px4-rc.params nor from"
     assert facts["outcome"] == "wrong_build"
     assert "etc/init.d-posix/rcS: " + said in facts["reason"]
@@ -223,12 +215,7 @@ def test_peer_finds_a_spoiled_field(motion: list[Readings], field: str) -> None:
     ],
 )
 def test_flight_that_ends_early_tells_how(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    fault: str,
-    outcome: str,
-    said: str,
+    tmp_path: Path, fly: Fly, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str, said: str
 ) -> None:
     monkeypatch.setenv("PEER_FAULT", fault)
     # All others answer, on a busy machine late.
@@ -236,32 +223,32 @@ def test_flight_that_ends_early_tells_how(
     if fault in patience:
         monkeypatch.setattr(px4_process, *patience[fault])
     (tmp_path / "mine.params").write_text("MC_ROLLRATE_P 0.6\n")
-    facts = fly(tmp_path, capsys, "--params", str(tmp_path / "mine.params"))
+    facts = fly("--params", str(tmp_path / "mine.params"))
     assert facts["outcome"] == outcome
     assert said in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) == 1  # all ends here are before the scenario
 
 
-def test_port_that_another_program_uses_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_port_that_another_program_uses_is_told(tmp_path: Path, fly: Fly) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         taken_port = taken.getsockname()[1]
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(px4_process, "_PILOT", taken_port - 150)
-            facts = fly(tmp_path, capsys, "--instance", "150")
+            facts = fly("--instance", "150")
     assert facts["outcome"] == "port_taken"
     assert f"of instance 150: TCP 4710, UDP {taken_port}" in facts["reason"]
     assert len(read_journal(tmp_path / "flight.journal")[1]) == 1
 
 
-def test_program_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_program_that_is_none_is_told(tmp_path: Path, fly: Fly) -> None:
     for folder in ("bin", "etc"):
         (tmp_path / "build" / folder).mkdir(parents=True)
     (tmp_path / "build" / "etc" / "init.d-posix").mkdir()
     (tmp_path / "build" / "etc" / "init.d-posix" / "rcS").write_text(". px4-rc.params")
     (tmp_path / "build" / "bin" / "px4").write_text("not a program")
     (tmp_path / "build" / "bin" / "px4").chmod(0o700)
-    facts = fly(tmp_path, capsys, build=str(tmp_path / "build"))
+    facts = fly(build=str(tmp_path / "build"))
     assert facts["outcome"] == "wrong_build"
     assert "Exec format error" in facts["reason"]
 
