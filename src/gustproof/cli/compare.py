@@ -14,7 +14,7 @@ import typer
 from firmware_model.errors import ConfigError
 from gustproof.cli.failures import ExitStatus
 from gustproof.cli.flights import tell_rate
-from gustproof.cli.laws import find_law, warn_of_repeated
+from gustproof.cli.laws import find_controller, warn_of_repeated
 from gustproof.cli.options import (
     AsJson,
     Force,
@@ -265,14 +265,12 @@ def _find_scenarios(names: list[str], vehicle: "Vehicle", *, free: bool) -> "lis
 
 def _find_controller(name: str, airframe: "Vehicle", script: "Scenario") -> "Controller":
     """Return a law by name or file, or a controller of the user's own."""
-    from gustproof.flight.controllers.user_controller import ControllerKind, parse_controller
+    from gustproof.flight.controllers.user_controller import ControllerKind, UserController
 
-    if ":" not in name and not name.endswith(".so"):
-        return find_law(name, airframe, script.control_rate_hz)
-    brought = parse_controller(name)
-    if brought.kind is ControllerKind.PROGRAM:
+    found = find_controller(name, airframe, script.control_rate_hz)
+    if isinstance(found, UserController) and found.kind is ControllerKind.PROGRAM:
         raise ConfigError(f"--law '{name}': programs fly in `fly` and `worst-case`, here flies what repeats")
-    return brought
+    return found
 
 
 def _check_tables(output: list[Path] | None) -> list[Path]:

@@ -34,8 +34,8 @@ def is_user_controller(source: str) -> bool:
     return ":" in source or source.endswith((".so", ".dylib", ".dll"))
 
 
-def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
-    """Return a law, or a user's own controller, which runs code: call it with words of the command line alone.
+def find_controller(source: str, vehicle: "Vehicle", rate_hz: int | None = None) -> "Controller":
+    """Return a law by `find_law`, or a user's controller, which runs code: call it with words of the command line.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def find_controller(source: str, vehicle: "Vehicle") -> "Controller":
     """
     from gustproof.flight.controllers.user_controller import parse_controller
 
-    return parse_controller(source) if is_user_controller(source) else find_law(source, vehicle, None)
+    return parse_controller(source) if is_user_controller(source) else find_law(source, vehicle, rate_hz)
 
 
 def is_parameter_file(name_or_path: str | Path) -> bool:
