@@ -123,15 +123,12 @@ class GainCurve:
 
     def frequencies(self) -> Array:
         """Return where to sample: 0, on and beside each resonance, and a grid over the range of the poles [rad/s]."""
-        poles = self.poles[self.poles.imag >= 0.0]
-        size, damping = np.abs(poles), -poles.real
-        resonance = np.sqrt(np.maximum(poles.imag**2 - damping**2, 0.0))
-        beside = np.abs(poles.imag[:, None] + damping[:, None] * _BESIDE)
+        size = np.abs(self.poles)
         first, last = 0.1 * float(size.min()), 10.0 * float(size.max())
         count = round(_PER_DECADE * np.log10(last / first))
         steps = _EVEN if count <= _POINTS else np.linspace(0.0, 1.0, count)
         grid = first * (last / first) ** steps
-        every = np.concatenate([[0.0], size, resonance, beside.ravel(), grid])
+        every = np.concatenate([[0.0], beside_resonances(self.poles), grid])
         every.sort()
         return np.asarray(every[np.append(True, every[1:] > every[:-1])])
 
@@ -169,6 +166,14 @@ def gain_curve(G: Lti, poles: ComplexMatrix, V: ComplexMatrix) -> GainCurve:
     with np.errstate(all="ignore"):  # modes of a defective matrix are huge: the comparison says so
         off = np.abs(guided._by_modes(probes) - expected).max(axis=(1, 2))
     return guided if np.all(off <= _TRUSTED * np.abs(expected).max(axis=(1, 2))) else exact
+
+
+def beside_resonances(roots: ComplexMatrix) -> Array:
+    """Return frequencies [rad/s] at which each of the poles or zeros `roots` [rad/s] may turn a gain, and beside it."""
+    roots = roots[roots.imag >= 0.0]
+    size, damping = np.abs(roots), np.abs(roots.real)
+    resonance = np.sqrt(np.maximum(roots.imag**2 - damping**2, 0.0))
+    return np.concatenate([size, resonance, np.abs(roots.imag[:, None] + damping[:, None] * _BESIDE).ravel()])
 
 
 def _vertices(left: Array, middle: Array, right: Array) -> Array:

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import scipy
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.bilinear import bilinear_transform
+from gustproof.robust.lti.gain_curve import beside_resonances
 from gustproof.robust.lti.state_space import ComplexMatrix, LinearSystem, Lti, Matrix, as_lti, gain
 from gustproof.robust.mu.minimum_phase import MinimumPhase, fit_factors
 from gustproof.robust.shown import Shown
@@ -64,8 +66,8 @@ def ucover(models: Sequence[LinearSystem], nominal: LinearSystem, order: int, *,
     - `input`: `G (I + w Delta)`, for G with at least as many outputs as inputs, of full rank;
     - `output`: `(I + w Delta) G`, for G with at most as many outputs as inputs, of full rank.
 
-    The weight w is fitted from above to the largest distance, over frequency. The cover is checked on a grid four times
-    as fine as the fit's, 160 frequencies a decade: a sample, which misses what is narrower.
+    The weight w is fitted from above to the largest distance, over frequency. The cover is checked at four times as
+    many frequencies as the fit, 160 a decade, and beside each pole. A sample may miss some thousandths.
 
     Parameters
     ----------
@@ -147,11 +149,23 @@ def _unstable_poles(model: Lti) -> int:
 
 
 def _grid(models: list[Lti], per_decade: int) -> Matrix:
-    """Return frequencies [rad/s] around all poles that are not 0."""
-    speeds = np.abs(np.concatenate([model.poles() for model in models]))
+    """Return frequencies [rad/s] around all poles that are not 0, and beside resonances, and notches of the first."""
+    poles = np.concatenate([model.poles() for model in models])
+    speeds = np.abs(poles)
     speeds = speeds[speeds > 1e-9 * np.max(speeds, initial=0.0)]
     low, high = float(np.min(speeds, initial=1.0)) / _REACH, float(np.max(speeds, initial=1.0)) * _REACH
-    return np.asarray(np.geomspace(low, high, round(per_decade * np.log10(high / low))), dtype=np.float64)
+    even = np.geomspace(low, high, round(per_decade * np.log10(high / low)))
+    beside = beside_resonances(np.concatenate([poles, _zeros(models[0])]))
+    return np.union1d(even, beside[(beside > low) & (beside < high)])
+
+
+def _zeros(model: Lti) -> ComplexMatrix:
+    """Return the finite zeros of a model with as many outputs as inputs [rad/s]; none of another one."""
+    if model.n_inputs != model.n_outputs:
+        return np.zeros(0, dtype=np.complex128)
+    pencil = np.block([[model.A, model.B], [model.C, model.D]])
+    found = scipy.linalg.eigvals(pencil, np.diag([1.0] * model.order + [0.0] * model.n_inputs))
+    return np.asarray(found[np.isfinite(found)], dtype=np.complex128)
 
 
 def _distance(models: list[Lti], omega: Matrix, form: Form) -> Matrix:

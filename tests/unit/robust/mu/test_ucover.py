@@ -6,7 +6,7 @@ from control import ss
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.norms import hinf_norm
-from gustproof.robust.lti.state_space import Lti, as_lti, discretize_zoh
+from gustproof.robust.lti.state_space import Lti, as_lti, discretize_zoh, series
 from gustproof.robust.mu.ucover import ucover
 
 LAGS = (0.8, 0.9, 1.1, 1.3)
@@ -110,3 +110,27 @@ def test_a_nominal_model_without_rank_has_no_multiplicative_cover():
     with pytest.raises(DesignError, match="loses rank"):
         ucover([other], flat, 1)
     assert ucover([other], flat, 1, form="additive").weight.nstates == 1
+
+
+@pytest.mark.parametrize(("form", "notched"), [("additive", False), ("input", True)])
+def test_a_resonance_narrower_than_the_grid_is_inside(form, notched):
+    omega, zeta = 37.3, 1e-5
+    A, B = [[0.0, omega], [-omega, -2.0 * zeta * omega]], [[0.0], [omega]]
+    mode = Lti(A=A, B=B, C=[[1.6 * zeta, 0.0]], D=[[0.0]])
+    plain = Lti(A=[[-1.0]], B=[[1.0]], C=[[0.3]], D=[[1.0]])
+    if notched:  # 1 - 1.98 zeta omega s / (s^2 + 2 zeta omega s + omega^2): a hundredth of the gain in its middle
+        nominal, other = series(Lti(A=A, B=B, C=[[0.0, -1.98 * zeta]], D=[[1.0]]), plain), plain
+    else:
+        nominal = plain
+        other = Lti(
+            A=np.block([[plain.A, np.zeros((1, 2))], [np.zeros((2, 1)), mode.A]]),
+            B=np.vstack([plain.B, mode.B]),
+            C=np.hstack([plain.C, mode.C]),
+            D=plain.D,
+        )
+    cover = ucover([other], nominal, 1, form=form)
+    near = omega * (1.0 + zeta * np.linspace(-50.0, 50.0, 2001))
+    centre = nominal.response(near)[:, 0, 0]
+    off = np.abs(other.response(near)[:, 0, 0] - centre) / (1.0 if form == "additive" else np.abs(centre))
+    assert np.all(off <= np.abs(as_lti(cover.weight).response(near)[:, 0, 0]) * 1.001)
+    assert np.max(cover.distance) >= 0.99 * np.max(off)
