@@ -271,12 +271,17 @@ def _grid(L: Lti) -> Matrix:
 
     A resonance or a notch may cross unit gain, or the real axis, twice within any even step.
     """
-    if L.dt:
-        first, last = 1e-6 / L.dt, math.pi / L.dt
+    parts = [L.poles(), sensitivity(L).poles()]
+    if L.dt:  # of the open loop rounding leaves integrators beside z = 1
+        speeds = np.abs(np.log(np.where(parts[1], parts[1], 1.0))) / L.dt
+        standing = _STANDING / L.dt
     else:
-        speeds = np.abs(np.concatenate([L.poles(), sensitivity(L).poles()]))
-        speeds = speeds[speeds > _STANDING * np.max(speeds, initial=0.0)]
-        first, last = (0.01 * np.min(speeds), 100.0 * np.max(speeds)) if speeds.size else (0.01, 100.0)
+        speeds = np.abs(np.concatenate(parts))
+        standing = _STANDING * np.max(speeds, initial=0.0)
+    speeds = speeds[speeds > standing]
+    first, last = (0.01 * np.min(speeds), 100.0 * np.max(speeds)) if speeds.size else (0.01, 100.0)
+    if L.dt:
+        first, last = min(first, 1e-6 / L.dt), math.pi / L.dt
     crossings = _crossings(L)
     between = np.sqrt(crossings[:-1] * crossings[1:])
     return np.union1d(np.geomspace(first, last, _POINTS), between[(between > first) & (between < last)])

@@ -151,3 +151,12 @@ def test_a_resonance_narrower_than_any_step_counts(feedthrough: float, zeta: flo
     real = np.flatnonzero(np.diff(np.signbit(values.imag)))
     factors = [-1.0 / value for value in values[real].real if value < 0.0]
     assert found.gain_margin <= min((each for each in factors if each > 1.0), default=math.inf) * 1.001
+
+
+@pytest.mark.parametrize("dt", [1e-2, 1e-4, 1e-5])
+def test_a_loop_far_slower_than_its_samples_keeps_its_margins(dt: float) -> None:
+    slow = Lti(A=[[0.0, 1.0], [0.0, -0.01]], B=[[0.0], [1.0]], C=[[5e-5, 0.0]], D=[[0.0]])
+    found, expected = loop_margins(discretize_zoh(slow, dt)), loop_margins(slow)
+    assert found.crossover == pytest.approx(expected.crossover, rel=1e-3)
+    assert found.phase_margin == pytest.approx(expected.phase_margin, rel=1e-3)
+    assert found.delay_margin == pytest.approx(expected.delay_margin, rel=1e-3)
