@@ -90,11 +90,12 @@ def number_rows(shown: ShownVehicle) -> list[tuple[str, ...]]:
         by_axis("disturbance, rms [rad/s²]", lambda axis: _cell(axis.disturbance_rms)),
     ]
     if air is not None:
+        doubt = ", in doubt" if air.doubt else ""
         rows += [
             ("as Dryden turbulence, rms [rad/s²]", *(f"{value:.3g}" for value in air.sigma)),
             ("length of its gusts [m]", *(f"{value:.3g}" for value in air.length)),
-            ("its wind at 20 ft [m/s]", f"{air.wind_speed_20ft:.3g}", "", ""),
-            ("its airspeed [m/s]", f"{air.airspeed:.3g}", "", ""),
+            (f"its wind at 20 ft [m/s]{doubt}", f"{air.wind_speed_20ft:.3g}", "", ""),
+            (f"its airspeed [m/s]{doubt}", f"{air.airspeed:.3g}", "", ""),
         ]
     return rows
 

@@ -12,7 +12,7 @@ from gustproof.logs.identify.air import IdentifiedAir
 from gustproof.logs.identify.shown_vehicle import ShownVehicle
 from gustproof.logs.read.flight_log import FlightLog, LogSignal
 from gustproof.show.report.html.log_page import render_log_page
-from gustproof.show.report.vehicle_numbers import identification_document
+from gustproof.show.report.vehicle_numbers import identification_document, number_rows
 from gustproof.studies.logged_flight import LoggedFlight
 
 AXES = ("roll", "pitch", "yaw")
@@ -79,6 +79,13 @@ def test_the_prediction_is_shown_for_the_whole_flight(found, air):
     for k, chart in enumerate(curves(page, "prediction", "Angular acceleration")):
         assert chart["measured"] == pytest.approx(found.acceleration[:, k], abs=1e-6)
     assert len(curves(page, "prediction", "Residual")) == 3
+
+
+@pytest.mark.parametrize(("airspeed", "doubt"), [(6.0, ""), (213.0, ", in doubt")])
+def test_an_airspeed_unlike_the_wind_is_marked_where_it_stands(found, air, airspeed, doubt):
+    rows = dict(row[:2] for row in number_rows(shown(found, replace(air, airspeed=airspeed))))
+    assert rows[f"its airspeed [m/s]{doubt}"] == f"{airspeed:.3g}"
+    assert rows[f"its wind at 20 ft [m/s]{doubt}"] == "7"
 
 
 def test_an_axis_that_is_not_identified_is_left_out(found, air):
