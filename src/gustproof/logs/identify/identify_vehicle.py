@@ -152,8 +152,10 @@ class _Axis:
         """Return how the fit tells that it is the autopilot's answer; empty if it does not."""
         delay = interval(self.theta, self.replicates, lambda p: p[..., DELAY])
         driven = np.quantile(self.replicates[:, DAMPING], 0.975) < _LEAST_DAMPING
-        if driven or self.theta[DAMPING] > _MOST_DAMPING or not (self.data.square or self.theta[GAINS] > 0.0):
-            return f"{_HIDDEN}, as its best fit is no multirotor"
+        turned = not (self.data.square or self.theta[GAINS] > 0.0)
+        if turned or driven or self.theta[DAMPING] > _MOST_DAMPING:
+            sign = ", or the command has the other sign" if turned else ""
+            return f"{_HIDDEN}, as its best fit is no multirotor{sign}"
         if delay.low <= _LATEST:
             return ""
         late = f"its command would act {1e3 * delay.nominal:.0f} ms late"

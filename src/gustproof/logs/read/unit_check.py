@@ -10,7 +10,7 @@ from gustproof.types import Array
 
 _WINDOW_S, _STEPS = 0.1, 4  # [s] and samples over which angles are compared: less is noise, and late stamps
 _LEAST_RAD, _FEW = 0.01, 20  # rms of their changes, and number of windows, that tell something
-_ALIKE, _FACTOR = 0.9, 3.0  # correlation, and ratio beyond which the unit is another one
+_ALIKE, _FACTOR = 0.9, 1.5  # correlation, and ratio beyond which the unit, or the clock, is another one
 _GRAVITY = (3.0, 30.0)  # [m/s^2] that an accelerometer shows in the median of a flight
 _UP = 5.0  # [m/s^2] of its z axis in the median, beyond which that is up
 _RATES_HZ = (1.0, 50_000.0)  # of a gyro's log

@@ -415,6 +415,7 @@ def test_a_gain_is_told_by_its_relative_spread_whatever_its_unit(gain, changes, 
         filled=given["filled"], outruns=given["outruns"],
     )  # fmt: skip
     assert (axis.gain is not None) == told
+    assert ("other sign" in axis.doubt) == (not given["square"] and given["sign"] <= 0.0)
     if told:  # within what it is drawn with, and the hundredth that the model leaves out
         assert axis.gain.high / axis.gain.nominal - 1.0 == pytest.approx(np.hypot(given["spread"], 0.01), rel=1e-3)
 

@@ -152,6 +152,7 @@ RIGHT = {"time": "time_s", "rate": "radps", "angle": "rad", "force": "mps2"}
         ({}, {}, ""),
         ({"rate": "dps"}, {}, "gyro and attitude contradict: 0.0174 times the rate"),
         ({"angle": "deg"}, {}, "gyro and attitude contradict: 56.6 times the rate"),
+        ({}, {0: 2.0}, "gyro and attitude contradict: 2 times the rate"),
         ({"time": "t_ms"}, {}, "gyro: 2.5e+05 samples a second: is time in another unit?"),
         ({"force": "g"}, {}, "accelerometer: 96.1 m/s^2 in the median"),
         ({}, {9: -1.0}, "accelerometer: its z axis is up"),
