@@ -11,6 +11,7 @@ from firmware_model.config.files import Name, list_shipped, read_toml
 from firmware_model.config.vehicle import Vehicle
 from gustproof.airframe.generalized import Weights, rates_problem, torque_problem
 from gustproof.design.inner_loops import InnerLoops
+from gustproof.law.form import SAMPLE_TIMES
 from gustproof.robust.lti.state_space import Lti
 from gustproof.robust.lti.weights import constant_weight, first_order_weight
 from gustproof.robust.uncertain.interconnection import Interconnection
@@ -90,8 +91,8 @@ class Design:
     scheduled: bool = False
     """True if the law uses the exact kinematics at its own attitude estimate, and limits the rate commanded from it to
     that of the vehicle's own loops."""
-    dt: Positive = 0.004
-    """[s] sample time of the law."""
+    dt: Annotated[float, Field(ge=SAMPLE_TIMES[0], le=SAMPLE_TIMES[1]), NOT_TRUTH] = 0.004
+    """[s] sample time of the law, of 10 to 2000 Hz."""
     vehicle: str = "paper"
     """Vehicle to design for: a shipped name or a file."""
     law: Name | Literal[""] = field(default="")

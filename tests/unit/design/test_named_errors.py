@@ -253,8 +253,10 @@ def test_a_design_names_what_its_options_exclude_and_a_sample_that_is_too_long()
     loops = InnerLoops(name="stock", roll=loop, pitch=loop, yaw=loop)
     with pytest.raises(ValueError, match="inner is for a law with rate_loop_lag and without W_r"):
         dataclasses.replace(load_design("D1"), inner=loops)
-    with pytest.raises(DesignError, match=r"design D1, sampled every 1\.0 s and one sample late: the loop is unstable"):
-        derive(dataclasses.replace(load_design("D1"), dt=1.0))
+    with pytest.raises(DesignError, match=r"design D1, sampled every 0\.1 s and one sample late: the loop is unstable"):
+        derive(dataclasses.replace(load_design("D1"), dt=0.1))
+    with pytest.raises(ValueError, match="dt"):
+        dataclasses.replace(load_design("D1"), dt=4.0)  # ms, taken for s
 
 
 def test_a_rate_law_whose_crossovers_stay_too_fast_is_refused(monkeypatch):
