@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from gustproof.robust.lti.gain_curve import largest_gains
 from gustproof.robust.lti.state_space import ComplexMatrix, Lti, Matrix
 from gustproof.robust.uncertain.uncertainty import DeltaBlock, RealBlock, columns, rows
 
@@ -15,9 +17,17 @@ _CORNERS = 64
 """Most starts: every corner of the real parameters if there are few, else random corners."""
 _STEPS = 60
 """Most ascent steps from one start."""
+_SHARES = 0.5 ** np.arange(8.0)[:, None, None]
+"""[-] of the way to a vertex that each step tries."""
 
-_Objective = Callable[[ComplexMatrix], tuple[float, ComplexMatrix]]
-"""Function that returns value and gradient; the value changes by `Re tr(gradient dDelta)`."""
+
+class _Objective(NamedTuple):
+    """Function of Delta to make large."""
+
+    values: Callable[[ComplexMatrix], Matrix]
+    """Its values (k,) at k Deltas; raises `LinAlgError` if a loop is singular."""
+    slope: Callable[[ComplexMatrix], tuple[float, ComplexMatrix]]
+    """Its value and gradient at one; the value changes by `Re tr(gradient dDelta)`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,7 +71,10 @@ def worst_delta(
     ----------
     P. M. Young, J. C. Doyle, Computation of mu with real and complex uncertainties, CDC 1990, 1230-1235.
     """
-    return _search(lambda Delta: _gain(M, blocks, Delta, repeated=repeated), blocks, radius, enough)
+    objective = _Objective(
+        lambda Deltas: _gains(M, Deltas, repeated=repeated), lambda Delta: _gain(M, Delta, repeated=repeated)
+    )
+    return _search(objective, blocks, radius, enough)
 
 
 def most_unstable_delta(M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float = 1.0) -> tuple[WorstDelta, complex]:
@@ -71,7 +84,8 @@ def most_unstable_delta(M: Lti, blocks: tuple[DeltaBlock, ...], *, radius: float
     """
     w, z = _shape(blocks)
     opened = M.subsystem(slice(0, z), slice(0, w))
-    found = _search(lambda Delta: _abscissa(opened, Delta)[1:], blocks, radius)
+    objective = _Objective(lambda Deltas: _abscissas(opened, Deltas), lambda Delta: _abscissa(opened, Delta)[1:])
+    found = _search(objective, blocks, radius)
     return found, _abscissa(opened, found.Delta)[0]
 
 
@@ -80,7 +94,11 @@ def most_singular_delta(M: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> Wor
 
     Delta over that eigenvalue makes `I - M Delta` singular. The search is that of `worst_delta`.
     """
-    return _search(lambda Delta: _largest_real_eigenvalue(M.real, Delta.real), blocks, 1.0)
+    objective = _Objective(
+        lambda Deltas: _real_parts(np.linalg.eigvals(M.real @ Deltas.real).astype(np.complex128)).max(axis=1),
+        lambda Delta: _largest_real_eigenvalue(M.real, Delta.real),
+    )
+    return _search(objective, blocks, 1.0)
 
 
 def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, enough: float = np.inf) -> WorstDelta:
@@ -93,16 +111,25 @@ def _search(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float
 
 
 def _ascend(objective: _Objective, blocks: tuple[DeltaBlock, ...], radius: float, Delta: ComplexMatrix) -> WorstDelta:
-    value, slope = objective(Delta)
+    value, slope = objective.slope(Delta)
     for _ in range(_STEPS):
-        vertex = radius * _vertex(slope, blocks)
-        trials = [Delta + step * (vertex - Delta) for step in 0.5 ** np.arange(8.0)]
-        results = [objective(trial) for trial in trials]
-        k = int(np.argmax([result[0] for result in results]))
-        if not results[k][0] > value + 1e-6 * abs(value):
+        trials = Delta + _SHARES * (radius * _vertex(slope, blocks) - Delta)
+        try:
+            values = objective.values(trials)
+        except np.linalg.LinAlgError:  # one of them is what is looked for
+            values = np.array([objective.slope(trial)[0] for trial in trials])
+        k = int(np.argmax(values))
+        reached, ahead = objective.slope(trials[k])
+        if not reached > value + 1e-6 * abs(value):
             break
-        Delta, (value, slope) = trials[k], results[k]
+        Delta, value, slope = trials[k], reached, ahead
     return WorstDelta(gain=value, Delta=Delta)
+
+
+def _abscissas(M: Lti, Deltas: ComplexMatrix) -> Matrix:
+    """Return the largest real part of the poles at each of some Deltas (k, ...)."""
+    reads = np.linalg.solve(np.eye(M.n_outputs) - M.D @ Deltas, M.C.astype(np.complex128)[None])
+    return np.asarray(np.linalg.eigvals(M.A + M.B @ Deltas @ reads).real.max(axis=1))
 
 
 def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatrix]:
@@ -116,10 +143,15 @@ def _abscissa(M: Lti, Delta: ComplexMatrix) -> tuple[complex, float, ComplexMatr
     return complex(poles[k]), float(poles[k].real), np.outer(reads @ x, drives) / (y @ x)
 
 
+def _real_parts(values: ComplexMatrix) -> Matrix:
+    """Return eigenvalues that are real, and 0 in place of others."""
+    return np.where(values.imag == 0.0, values.real, 0.0)
+
+
 def _largest_real_eigenvalue(M: Matrix, Delta: Matrix) -> tuple[float, ComplexMatrix]:
     """Return the largest real eigenvalue of `M Delta`, 0 without a positive one, and its gradient, as for the gain."""
     values, left, right = scipy.linalg.eig(M @ Delta, left=True, right=True)  # type: ignore[misc]
-    real = np.where(values.imag == 0.0, values.real, 0.0)
+    real = _real_parts(values)
     k = int(np.argmax(real))
     y, x = left[:, k].conj(), right[:, k]
     if real[k] <= 0.0 or abs(y @ x) < 1e-12:  # a multiple one has no gradient
@@ -127,11 +159,17 @@ def _largest_real_eigenvalue(M: Matrix, Delta: Matrix) -> tuple[float, ComplexMa
     return float(real[k]), np.asarray(np.outer(x, y @ M) / (y @ x), dtype=np.complex128)
 
 
-def _gain(
-    M: ComplexMatrix, blocks: tuple[DeltaBlock, ...], Delta: ComplexMatrix, *, repeated: bool = False
-) -> tuple[float, ComplexMatrix]:
+def _gains(M: ComplexMatrix, Deltas: ComplexMatrix, *, repeated: bool) -> Matrix:
+    """Return the gain at each of some Deltas (k, ...)."""
+    w, z = Deltas.shape[1:]
+    reads = np.linalg.solve(np.eye(z) - M[:z, :w] @ Deltas, M[None, :z, w:])
+    seen = M[z:, w:] + M[z:, :w] @ Deltas @ reads
+    return np.asarray(np.abs(np.linalg.eigvals(seen)).max(axis=1)) if repeated else largest_gains(seen)
+
+
+def _gain(M: ComplexMatrix, Delta: ComplexMatrix, *, repeated: bool) -> tuple[float, ComplexMatrix]:
     """Return the gain, infinite for a singular loop, and its gradient: the gain changes by `Re tr(slope dDelta)`."""
-    w, z = _shape(blocks)
+    w, z = Delta.shape
     loop = np.eye(z) - M[:z, :w] @ Delta
     try:
         reads = np.linalg.solve(loop, M[:z, w:])
@@ -157,7 +195,7 @@ def _vertex(slope: ComplexMatrix, blocks: tuple[DeltaBlock, ...]) -> ComplexMatr
         part = slope[z, w]
         if isinstance(block, RealBlock):
             vertex[w, z] = np.sign(np.trace(part).real) * np.eye(block.repeats)
-        elif block.repeats > 1:
+        elif block.repeats > 1 or block.shape == (1, 1):
             vertex[w, z] = np.exp(-1j * np.angle(np.trace(part))) * np.eye(block.repeats)
         else:
             U, _, Vh = np.linalg.svd(part, full_matrices=False)
