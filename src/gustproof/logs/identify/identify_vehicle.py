@@ -13,6 +13,7 @@ from gustproof.logs.identify.bootstrap import bootstrap, interval, widen
 from gustproof.logs.identify.curves import Curves, disturbance_corner, disturbance_rms, make_curves, model_response
 from gustproof.logs.identify.filtered_command import filter_command
 from gustproof.logs.identify.identification import AxisEstimate, Identification, Interval
+from gustproof.logs.identify.instrument import ByReference, gain_by_reference
 from gustproof.logs.identify.likelihood import (
     DAMPING,
     DELAY,
@@ -64,6 +65,7 @@ _TRADED = 0.5  # spread of a gain over the lag by that of the gain, below which 
 _HIDDEN = "the autopilot's answer to the gyro hides the vehicle's to the command"
 _FILTERED = "gyro: filtered before it is logged"
 _APART_S = (0.008, 0.012)  # between gyro samples behind a filter: their noise is nearly white again
+_TOLD, _SPREAD = 3.0, 2.0  # standard errors beyond which set-points tell of prediction errors, and that a gain spans
 _FLOOR = 0.01  # of a gain: what the model leaves out, such as gyroscopic moments
 _BLUR = 0.2  # of half a sample of the command: noise above its Nyquist frequency folds down and looks like lag
 _FILLED_SPREAD = 1.3  # spread of real errors with commands that are filled in by that of the replicates, by simulation
@@ -112,6 +114,8 @@ class _Axis:
     """Test on the pieces of the flight that its fit has not seen."""
     filled: float | None = None
     """[-] share of the quick commands that the gyro fills in: the answer to them hides behind that; else `None`."""
+    by_reference: ByReference | None = None
+    """Gain by the set-points, if they tell that the disturbance is not of the model's shape."""
     assumed: float = 0.0
     """[-] share of the delay's variance before the flight that the flight leaves."""
     outruns: float = 0.0
@@ -126,7 +130,11 @@ class _Axis:
     def wide_gain(self) -> Interval:
         """[rad/s^2 per unit] sum of the channels' magnitudes, however uncertain."""
         gain = interval(self.theta, self.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1))
-        return widen(gain, _FLOOR * gain.nominal)
+        low, nominal, high = widen(gain, _FLOOR * gain.nominal)
+        if self.by_reference is None:
+            return Interval(low, nominal, high)
+        middle, spread = self.by_reference.scale, _SPREAD * self.by_reference.deviation
+        return Interval(min(low, (middle - spread) * nominal), nominal, max(high, (middle + spread) * nominal))
 
     @property
     def doubt(self) -> str:
@@ -219,7 +227,17 @@ def _identify(log: FlightLog, tell: Callable[[float], None], slow: str, filled: 
             axis.filled = filled.shares[axis.data.axis]
             middle = np.median(axis.replicates, axis=0)
             axis.replicates = middle + _widening(axis.filled) * (axis.replicates - middle)
+    if log.reference is not None and filled is None:
+        _ask_reference(axes, log.reference)
     return _collect(log, command, axes, slow, 0.0 if filled is None else filled.step)
+
+
+def _ask_reference(axes: list[_Axis], reference: LogSignal) -> None:
+    """Keep each axis' gain by the set-points, if of one they tell more than the model of its disturbance allows."""
+    found = [gain_by_reference(axis.data, axis.theta, reference) for axis in axes]
+    if max(each.surprise for each in found) > _TOLD:
+        for axis, each in zip(axes, found, strict=True):
+            axis.by_reference = each
 
 
 def _widening(share: float) -> float:
@@ -484,6 +502,8 @@ def _describe_loose(axis: _Axis, name: str, share: float, reach: float) -> str:
 def _describe_trade(axis: _Axis) -> str:
     """Return what a loose gain trades off with; empty if its ratio to the lag is no better known than itself."""
     gain = axis.wide_gain
+    if axis.by_reference is not None:
+        return f": by the set-points alone it is {axis.by_reference.scale:.2g} times that of the fit"
     ratio = interval(axis.theta, axis.replicates, lambda p: np.abs(p[..., GAINS:-1]).sum(axis=-1) / _lag(p))
     loose, tight = (max(each.high - each.nominal, each.nominal - each.low) / each.nominal for each in (gain, ratio))
     if tight > _TRADED * loose:
@@ -526,6 +546,12 @@ def _doubts(axes: list[_Axis], told: list[_Axis]) -> list[str]:
         doubts.append(f"{names}: a damping below 0 would fit best, which no vehicle has: the model lacks something")
     if any(is_prompt(axis.theta) for axis in told):
         doubts.append("lag: none is seen, as of simulated motors without one: what is left of the sum stands for it")
+    if (known := [axis.by_reference for axis in axes]) and known[0] is not None:
+        scales = ", ".join(f"{each.scale:.2f}" for each in known if each is not None)
+        doubts.append(
+            f"gains: by the set-points alone they are {scales} times those of the fit, so their intervals span both: "
+            "the disturbance is not of the model's shape"
+        )
     return doubts + _doubt_delay(told) + _doubt_noise(axes)
 
 
