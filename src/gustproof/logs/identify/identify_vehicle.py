@@ -493,6 +493,8 @@ def _advise(axis: _Axis, cure: str) -> str:
 
 def _describe_loose(axis: _Axis, name: str, share: float, reach: float) -> str:
     """Return how little is known of a gain: where its command acts, R^2 of closed loop is no reason."""
+    if axis.by_reference is not None:
+        return f"{name} is not identified: its gain is known to {100.0 * reach:.0f} % only{_describe_trade(axis)}"
     known = f"its gain is known to {100.0 * reach:.0f} % only" if reach < 1.0 else "its gain can't be told from 0"
     if reach >= 1.0 or axis.held_out is None or axis.held_out.evidence <= _ACTS:
         return f"{name} is not excited: the command explains {100.0 * share:.0f} % of its acceleration, {known}"
