@@ -271,14 +271,13 @@ def _grid(L: Lti) -> Matrix:
 
     A resonance or a notch may cross unit gain, or the real axis, twice within any even step.
     """
-    parts = [L.poles(), sensitivity(L).poles()]
+    closed = sensitivity(L).poles()
     if L.dt:  # of the open loop rounding leaves integrators beside z = 1
-        speeds = np.abs(np.log(np.where(parts[1], parts[1], 1.0))) / L.dt
-        standing = _STANDING / L.dt
+        speeds, fastest = np.abs(np.log(np.where(closed, closed, 1.0))) / L.dt, 1.0 / L.dt
     else:
-        speeds = np.abs(np.concatenate(parts))
-        standing = _STANDING * np.max(speeds, initial=0.0)
-    speeds = speeds[speeds > standing]
+        speeds = np.abs(np.concatenate([L.poles(), closed]))
+        fastest = np.max(speeds, initial=0.0)
+    speeds = speeds[speeds > _STANDING * fastest]
     first, last = (0.01 * np.min(speeds), 100.0 * np.max(speeds)) if speeds.size else (0.01, 100.0)
     if L.dt:
         first, last = min(first, 1e-6 / L.dt), math.pi / L.dt
@@ -298,11 +297,15 @@ def _crossings(L: Lti) -> Matrix:
     except np.linalg.LinAlgError:  # a pole at half the rate: the even steps must do
         return np.zeros(0)
     A, B, C, D, none = image.A, image.B, image.C, image.D, np.zeros_like(image.A)
-    unit = np.block([[A, none, B], [-C.T @ C, -A.T, -C.T @ D], [-D @ C, -B.T, 1.0 - D @ D]])
-    real = np.block([[A, none, B], [none, -A, B], [C, C, 0.0 * D]])
-    mass = np.diag([1.0] * (2 * L.order) + [0.0])
-    omega = np.concatenate([scipy.linalg.eigvals(pencil, mass).imag for pencil in (unit, real)])
-    omega = np.unique(omega[np.isfinite(omega) & (omega > 0.0)])
+    unit = Lti(
+        A=np.block([[A, none], [-C.T @ C, -A.T]]),
+        B=np.vstack([B, -C.T @ D]),
+        C=np.hstack([-D @ C, -B.T]),
+        D=1.0 - D @ D,
+    )
+    real = Lti(A=np.block([[A, none], [none, -A]]), B=np.vstack([B, B]), C=np.hstack([C, C]), D=0.0 * D)
+    omega = np.unique(np.concatenate([unit.zeros(), real.zeros()]).imag)
+    omega = omega[omega > 0.0]
     return 2.0 / L.dt * np.arctan(0.5 * L.dt * omega) if L.dt else omega
 
 

@@ -136,6 +136,12 @@ class Lti(Shown):
         """Return the eigenvalues of `A`, (n,) [rad/s], or [-] in discrete time."""
         return np.asarray(scipy.linalg.eigvals(self.A) if self.order else np.empty(0), dtype=np.complex128)
 
+    def zeros(self) -> ComplexMatrix:
+        """Return the finite zeros of a system with as many outputs as inputs, (k,) [rad/s], or [-] in discrete time."""
+        pencil = np.block([[self.A, self.B], [self.C, self.D]])
+        found = scipy.linalg.eigvals(pencil, np.diag([1.0] * self.order + [0.0] * self.n_inputs))
+        return np.asarray(found[np.isfinite(found)], dtype=np.complex128)
+
     def is_stable(self) -> bool:
         """Return whether every pole is strictly inside the stability region."""
         poles = self.poles()

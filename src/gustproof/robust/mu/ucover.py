@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import scipy
 
 from gustproof.errors import DesignError
 from gustproof.robust.lti.bilinear import bilinear_transform
@@ -155,17 +154,10 @@ def _grid(models: list[Lti], per_decade: int) -> Matrix:
     speeds = speeds[speeds > 1e-9 * np.max(speeds, initial=0.0)]
     low, high = float(np.min(speeds, initial=1.0)) / _REACH, float(np.max(speeds, initial=1.0)) * _REACH
     even = np.geomspace(low, high, round(per_decade * np.log10(high / low)))
-    beside = beside_resonances(np.concatenate([poles, _zeros(models[0])]))
+    centre = models[0]
+    zeros = centre.zeros() if centre.n_inputs == centre.n_outputs else poles[:0]
+    beside = beside_resonances(np.concatenate([poles, zeros]))
     return np.union1d(even, beside[(beside > low) & (beside < high)])
-
-
-def _zeros(model: Lti) -> ComplexMatrix:
-    """Return the finite zeros of a model with as many outputs as inputs [rad/s]; none of another one."""
-    if model.n_inputs != model.n_outputs:
-        return np.zeros(0, dtype=np.complex128)
-    pencil = np.block([[model.A, model.B], [model.C, model.D]])
-    found = scipy.linalg.eigvals(pencil, np.diag([1.0] * model.order + [0.0] * model.n_inputs))
-    return np.asarray(found[np.isfinite(found)], dtype=np.complex128)
 
 
 def _distance(models: list[Lti], omega: Matrix, form: Form) -> Matrix:
